@@ -1,0 +1,18 @@
+//! What a scene is: cameras, rays, images, masks, depth maps, meshes, datasets and metrics. No neural network.
+
+#![warn(missing_docs)]
+
+mod camera;
+mod error;
+pub mod mesh;
+mod points;
+mod raster;
+mod ray;
+mod scene;
+
+pub use camera::{Camera, Similarity};
+pub use error::{Error, Result};
+pub use points::{OccupancySamples, PointCloud};
+pub use raster::{DepthMap, Mask};
+pub use ray::{Ray, UnitCube};
+pub use scene::{GroundTruth, Scene, Split, View};
