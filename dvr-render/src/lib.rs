@@ -1,1 +1,16 @@
-//! dvr-render
+//! From an implicit field to pictures and meshes.
+#![warn(missing_docs)]
+
+mod field;
+mod implicit_depth;
+mod march;
+mod rays;
+mod root;
+mod surface;
+
+pub use field::{Field, FieldJet, FieldValues, Query, axis_direction};
+pub use implicit_depth::{SlopeRule, dot, implicit_depth};
+pub use march::{Hits, March, MarchSettings, Marcher, TensorMarcher};
+pub use rays::Rays;
+pub use root::{Bracket, RootMethod};
+pub use surface::Surface;
