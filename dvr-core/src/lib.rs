@@ -4,6 +4,7 @@
 
 mod camera;
 mod error;
+pub mod hull;
 pub mod mesh;
 mod points;
 mod raster;
