@@ -4,7 +4,10 @@
 
 mod camera;
 mod error;
+pub mod files;
+pub mod hull;
 pub mod mesh;
+pub mod npz;
 mod points;
 mod raster;
 mod ray;
