@@ -23,22 +23,31 @@ impl Rays {
     ///
     /// Rays that miss the cube stay in the batch, with an empty interval: they never hit.
     pub fn new(rays: &[Ray], cube: UnitCube, device: &Device) -> Self {
+        let within: Vec<_> = rays
+            .iter()
+            .map(|ray| {
+                let (entry, exit) = cube.intersect(ray).unwrap_or((0.0, -1.0));
+                (*ray, entry, exit)
+            })
+            .collect();
+        Self::within(&within, device)
+    }
+
+    /// Moves rays to a device, each with the depths `(entry, exit)` between which it is to be searched.
+    pub fn within(rays: &[(Ray, f64, f64)], device: &Device) -> Self {
         let n = rays.len();
-        let mut origin = Vec::with_capacity(3 * n);
-        let mut direction = Vec::with_capacity(3 * n);
-        let (mut entry, mut exit) = (Vec::with_capacity(n), Vec::with_capacity(n));
-        for ray in rays {
-            origin.extend(ray.origin.to_array());
-            direction.extend(ray.direction.to_array());
-            let (near, far) = cube.intersect(ray).unwrap_or((0.0, -1.0));
-            entry.push(near);
-            exit.push(far);
-        }
+        let vectors = |part: fn(&Ray) -> glam::DVec3| -> Tensor<2> {
+            let values: Vec<f64> = rays.iter().flat_map(|(ray, _, _)| part(ray).to_array()).collect();
+            Tensor::from_data(TensorData::new(values, [n, 3]), device)
+        };
+        let depths = |part: fn(&(Ray, f64, f64)) -> f64| -> Tensor<1> {
+            Tensor::from_data(TensorData::new(rays.iter().map(part).collect::<Vec<_>>(), [n]), device)
+        };
         Self {
-            origin: Tensor::from_data(TensorData::new(origin, [n, 3]), device),
-            direction: Tensor::from_data(TensorData::new(direction, [n, 3]), device),
-            entry: Tensor::from_data(TensorData::new(entry, [n]), device),
-            exit: Tensor::from_data(TensorData::new(exit, [n]), device),
+            origin: vectors(|ray| ray.origin),
+            direction: vectors(|ray| ray.direction),
+            entry: depths(|ray| ray.1),
+            exit: depths(|ray| ray.2),
             object: None,
         }
     }
