@@ -9,6 +9,7 @@ mod points;
 mod raster;
 mod ray;
 mod scene;
+mod srgb;
 
 pub use camera::{Camera, Similarity};
 pub use error::{Error, Result};
@@ -16,3 +17,4 @@ pub use points::{OccupancySamples, PointCloud};
 pub use raster::{DepthMap, Mask};
 pub use ray::{Ray, UnitCube};
 pub use scene::{GroundTruth, Scene, Split, View};
+pub use srgb::{linear_to_srgb, srgb_to_linear};
