@@ -4,7 +4,9 @@
 
 mod camera;
 mod error;
+pub mod files;
 pub mod mesh;
+pub mod npz;
 mod points;
 mod raster;
 mod ray;

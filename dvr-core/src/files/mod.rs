@@ -1,0 +1,24 @@
+//! Files of pixels, and writing any file so that nobody ever sees half of it.
+//!
+//! Photographs and masks are PNG or JPEG (WebP, BMP, TIFF and GIF are read as well), depth maps and float renders are
+//! OpenEXR. Every reader takes an error back to the file's name; none panics on a damaged file.
+
+mod atomic;
+mod exr_file;
+mod picture;
+
+pub use atomic::{write_atomically, write_bytes_atomically};
+pub use exr_file::{read_depth_exr, write_depth_exr, write_rgb_exr};
+pub use picture::{Photo, read_mask, read_photo, read_rgb, write_gray_png, write_rgb_png, write_rgba_png};
+
+use std::path::Path;
+
+use crate::error::{Error, Result};
+
+/// The whole file.
+///
+/// # Errors
+/// [`Error::Io`] where the file is missing or not readable.
+pub(crate) fn read_bytes(path: &Path) -> Result<Vec<u8>> {
+    std::fs::read(path).map_err(|source| Error::io(path, source))
+}

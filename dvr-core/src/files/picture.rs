@@ -1,0 +1,213 @@
+//! Photographs and masks in 8 bits a channel.
+
+use std::io::Cursor;
+use std::path::Path;
+
+use image::{DynamicImage, GrayImage, ImageFormat, ImageReader, RgbImage, RgbaImage};
+
+use super::{read_bytes, write_bytes_atomically};
+use crate::error::{Error, Result};
+use crate::raster::Mask;
+
+/// A photograph as its file holds it.
+#[derive(Clone, Debug)]
+pub struct Photo {
+    /// sRGB colours, not multiplied by alpha; 16-bit files are rounded to 8.
+    pub image: RgbImage,
+    /// The alpha channel, where there is one and it is not opaque everywhere.
+    pub alpha: Option<Mask>,
+}
+
+/// Reads a PNG, JPEG, WebP, BMP, TIFF or GIF; the content decides which, not the name.
+///
+/// An orientation tag (EXIF) is not applied: calibrations refer to the pixels as they are stored.
+///
+/// # Errors
+/// [`Error::Io`] where the file cannot be opened, [`Error::Format`] where it is damaged or of another kind.
+pub fn read_photo(path: &Path) -> Result<Photo> {
+    let decoded = decode(path)?;
+    let alpha = decoded.color().has_alpha().then(|| alpha_of(&decoded)).filter(|a| a.pixels().any(|p| p.0[0] < 255));
+    Ok(Photo { image: decoded.into_rgb8(), alpha: alpha.map(|coverage| Mask { coverage }) })
+}
+
+/// [`read_photo`] without its alpha channel.
+///
+/// # Errors
+/// As [`read_photo`].
+pub fn read_rgb(path: &Path) -> Result<RgbImage> {
+    Ok(read_photo(path)?.image)
+}
+
+/// Reads a mask: an alpha channel where one is in use, else the brightest colour channel of each pixel.
+///
+/// Files that mark the object with 1 instead of the largest value (0/1 masks, as label tools write them) are read as
+/// full coverage, as are 16-bit files that use only 8 of their bits.
+///
+/// # Errors
+/// As [`read_photo`].
+pub fn read_mask(path: &Path) -> Result<Mask> {
+    let decoded = decode(path)?;
+    let color = decoded.color();
+    if color.has_alpha() {
+        let alpha = alpha_of(&decoded);
+        if alpha.pixels().any(|p| p.0[0] < 255) {
+            return Ok(Mask { coverage: alpha });
+        }
+    }
+    let (width, height) = (decoded.width(), decoded.height());
+    let full_range = if color.bytes_per_pixel() / color.channel_count() > 1 { 65535 } else { 255 };
+    let brightest: Vec<u32> = if full_range == 255 {
+        decoded.to_rgb8().pixels().map(|p| u32::from(*p.0.iter().max().unwrap_or(&0))).collect()
+    } else {
+        decoded.to_rgb16().pixels().map(|p| u32::from(*p.0.iter().max().unwrap_or(&0))).collect()
+    };
+    let full = match brightest.iter().max() {
+        Some(1) => 1,
+        Some(2..=255) => 255,
+        _ => full_range,
+    };
+    // Rounded to the nearest of 0..=255; `full` bounds every value, so the narrowing is exact.
+    let coverage = brightest.into_iter().map(|v| ((v * 255 + full / 2) / full) as u8).collect();
+    let coverage = GrayImage::from_vec(width, height, coverage)
+        .ok_or_else(|| damaged(path, "the decoder gave fewer pixels than the image has"))?;
+    Ok(Mask { coverage })
+}
+
+/// Writes an 8-bit RGB PNG.
+///
+/// # Errors
+/// [`Error::Io`] where the file cannot be written.
+pub fn write_rgb_png(path: &Path, image: &RgbImage) -> Result<()> {
+    write_png(path, |out| image.write_to(out, ImageFormat::Png))
+}
+
+/// Writes an 8-bit RGBA PNG.
+///
+/// # Errors
+/// [`Error::Io`] where the file cannot be written.
+pub fn write_rgba_png(path: &Path, image: &RgbaImage) -> Result<()> {
+    write_png(path, |out| image.write_to(out, ImageFormat::Png))
+}
+
+/// Writes an 8-bit grey PNG, the form of a [`Mask`]'s coverage.
+///
+/// # Errors
+/// [`Error::Io`] where the file cannot be written.
+pub fn write_gray_png(path: &Path, image: &GrayImage) -> Result<()> {
+    write_png(path, |out| image.write_to(out, ImageFormat::Png))
+}
+
+fn write_png(path: &Path, encode: impl FnOnce(&mut Cursor<Vec<u8>>) -> image::ImageResult<()>) -> Result<()> {
+    let mut bytes = Cursor::new(Vec::new());
+    encode(&mut bytes).map_err(|error| Error::io(path, std::io::Error::other(error)))?;
+    write_bytes_atomically(path, bytes.get_ref())
+}
+
+fn decode(path: &Path) -> Result<DynamicImage> {
+    let bytes = read_bytes(path)?;
+    let reader =
+        ImageReader::new(Cursor::new(&bytes)).with_guessed_format().map_err(|source| Error::io(path, source))?;
+    let image = reader.decode().map_err(|error| damaged(path, error))?;
+    if image.width() == 0 || image.height() == 0 {
+        return Err(damaged(path, "it has no pixels"));
+    }
+    Ok(image)
+}
+
+fn damaged(path: &Path, what: impl std::fmt::Display) -> Error {
+    Error::format(
+        path,
+        format!("the image cannot be read ({what})"),
+        "The file may be truncated or not an image: copy it again, or save it as PNG or JPEG.",
+    )
+}
+
+fn alpha_of(image: &DynamicImage) -> GrayImage {
+    let rgba = image.to_rgba8();
+    GrayImage::from_fn(rgba.width(), rgba.height(), |u, v| image::Luma([rgba.get_pixel(u, v).0[3]]))
+}
+
+#[cfg(test)]
+mod tests {
+    use image::{ImageBuffer, Luma, Rgb, Rgba};
+
+    use super::*;
+
+    #[test]
+    fn a_png_comes_back_and_a_truncated_one_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.png");
+        let image = RgbImage::from_fn(7, 5, |u, v| Rgb([u as u8 * 30, v as u8 * 50, 200]));
+        write_rgb_png(&path, &image).unwrap();
+        let photo = read_photo(&path).unwrap();
+        assert_eq!(photo.image, image);
+        assert!(photo.alpha.is_none());
+        let bytes = std::fs::read(&path).unwrap();
+        for length in 0..bytes.len() - 12 {
+            // The last twelve bytes are the end marker, without which every pixel is still there.
+            std::fs::write(&path, &bytes[..length]).unwrap();
+            let error = read_photo(&path).unwrap_err();
+            assert!(matches!(error, Error::Format { .. }), "{length} of {} bytes: {error}", bytes.len());
+        }
+    }
+
+    #[test]
+    fn alpha_is_a_mask_only_where_something_is_transparent() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.png");
+        write_rgba_png(&path, &RgbaImage::from_pixel(3, 2, Rgba([9, 8, 7, 255]))).unwrap();
+        assert!(read_photo(&path).unwrap().alpha.is_none());
+        write_rgba_png(&path, &RgbaImage::from_fn(3, 2, |u, _| Rgba([9, 8, 7, if u == 1 { 255 } else { 100 }])))
+            .unwrap();
+        let photo = read_photo(&path).unwrap();
+        assert_eq!(photo.image.get_pixel(0, 0), &Rgb([9, 8, 7]), "colours are not multiplied by alpha");
+        let alpha = photo.alpha.unwrap();
+        assert_eq!((alpha.object_pixels(), alpha.coverage.get_pixel(0, 1).0[0]), (2, 100));
+        assert_eq!(read_mask(&path).unwrap(), alpha);
+    }
+
+    #[test]
+    fn masks_of_every_kind_say_the_same() {
+        let folder = tempfile::tempdir().unwrap();
+        let inside = |u: u32, v: u32| u > v;
+        let expected = GrayImage::from_fn(6, 4, |u, v| Luma([if inside(u, v) { 255 } else { 0 }]));
+        let gray = |full: u8| GrayImage::from_fn(6, 4, |u, v| Luma([if inside(u, v) { full } else { 0 }]));
+        let deep = |full: u16| {
+            ImageBuffer::<Luma<u16>, Vec<u16>>::from_fn(6, 4, |u, v| Luma([if inside(u, v) { full } else { 0 }]))
+        };
+        let kinds: [DynamicImage; 7] = [
+            gray(255).into(),
+            gray(1).into(),
+            deep(65535).into(),
+            deep(1).into(),
+            deep(255).into(),
+            RgbImage::from_fn(6, 4, |u, v| Rgb(if inside(u, v) { [0, 255, 9] } else { [0; 3] })).into(),
+            RgbaImage::from_fn(6, 4, |u, v| Rgba(if inside(u, v) { [255, 255, 255, 255] } else { [0, 0, 0, 255] }))
+                .into(),
+        ];
+        for (i, kind) in kinds.into_iter().enumerate() {
+            let path = folder.path().join(format!("{i}.png"));
+            kind.save(&path).unwrap();
+            assert_eq!(read_mask(&path).unwrap().coverage, expected, "kind {i}");
+        }
+        let black = folder.path().join("black.png");
+        write_gray_png(&black, &GrayImage::new(3, 3)).unwrap();
+        assert_eq!(read_mask(&black).unwrap().object_pixels(), 0);
+    }
+
+    #[test]
+    fn sixteen_bits_are_rounded_to_eight() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("deep.png");
+        ImageBuffer::<Rgb<u16>, Vec<u16>>::from_pixel(2, 2, Rgb([65535, 257 * 100, 0])).save(&path).unwrap();
+        assert_eq!(read_rgb(&path).unwrap().get_pixel(1, 1), &Rgb([255, 100, 0]));
+    }
+
+    #[test]
+    fn text_is_not_an_image() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.png");
+        std::fs::write(&path, "hello").unwrap();
+        assert!(read_rgb(&path).unwrap_err().to_string().contains("a.png: the image cannot be read"));
+    }
+}
