@@ -2,6 +2,7 @@
 
 #![warn(missing_docs)]
 
+mod bvh;
 mod camera;
 mod error;
 pub mod files;
@@ -13,6 +14,7 @@ mod ray;
 mod scene;
 mod srgb;
 
+pub use bvh::{Bvh, RayHit};
 pub use camera::{Camera, Similarity};
 pub use error::{Error, Result};
 pub use points::{OccupancySamples, PointCloud};

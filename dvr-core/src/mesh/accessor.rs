@@ -31,10 +31,11 @@ impl GltfBuffers {
     /// The bytes of a buffer view.
     pub fn view(&self, view: &buffer::View) -> Result<&[u8], String> {
         let bytes = self.buffers.get(view.buffer().index()).map_or(&[][..], Vec::as_slice);
-        view.offset()
-            .checked_add(view.length())
-            .and_then(|end| bytes.get(view.offset()..end))
-            .ok_or(format!("a view of {} bytes is larger than its buffer of {}", view.length(), bytes.len()))
+        view.offset().checked_add(view.length()).and_then(|end| bytes.get(view.offset()..end)).ok_or(format!(
+            "a view of {} bytes is larger than its buffer of {}",
+            view.length(),
+            bytes.len()
+        ))
     }
 }
 

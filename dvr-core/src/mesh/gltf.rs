@@ -24,8 +24,11 @@ const COMPRESSIONS: [(&str, &str); 3] = [
 /// Skins and morph targets stay in their rest pose; points and lines are left out.
 pub(super) fn read(path: &Path, bytes: &[u8], warnings: &mut Vec<String>) -> Result<TexturedMesh> {
     let fail = |problem: String| Error::format(path, problem, "Export the model again, as glTF 2.0 with triangles.");
-    if bytes.starts_with(b"glTF") && bytes.len() < 20 {
-        return Err(fail("the file is cut short".to_owned()));
+    if let Some(length) = bytes.strip_prefix(b"glTF").map(|rest| rest.get(4..8).unwrap_or_default()) {
+        let stated = length.try_into().map_or(0, u32::from_le_bytes) as usize;
+        if !(20..=bytes.len()).contains(&stated) {
+            return Err(fail(format!("the file has {} bytes and says that it has {stated}", bytes.len())));
+        }
     }
     let parsed = Gltf::from_slice_without_validation(bytes).map_err(|e| fail(format!("not sound glTF: {e}")))?;
     let blob = parsed.blob;
@@ -43,7 +46,8 @@ pub(super) fn read(path: &Path, bytes: &[u8], warnings: &mut Vec<String>) -> Res
     let mut visits = document.nodes().count();
     let mut stack: Vec<(Node, Mat4)> = roots.into_iter().rev().map(|node| (node, Mat4::IDENTITY)).collect();
     while let Some((node, parent)) = stack.pop() {
-        visits = visits.checked_sub(1).ok_or_else(|| fail("a node is its own descendant, or has two parents".into()))?;
+        visits =
+            visits.checked_sub(1).ok_or_else(|| fail("a node is its own descendant, or has two parents".into()))?;
         let to_scene = parent * Mat4::from_cols_array_2d(&node.transform().matrix());
         for primitive in node.mesh().into_iter().flat_map(|mesh| mesh.primitives()) {
             reader.primitive(&primitive, to_scene).map_err(fail)?;

@@ -12,11 +12,7 @@ use super::io::{decode_texture, white};
 use crate::srgb::linear_to_srgb;
 
 /// The document's materials in order, and white, the specification's default material, as the last one.
-pub(super) fn read_materials(
-    document: &Document,
-    buffers: &GltfBuffers,
-    warnings: &mut Vec<String>,
-) -> Vec<Material> {
+pub(super) fn read_materials(document: &Document, buffers: &GltfBuffers, warnings: &mut Vec<String>) -> Vec<Material> {
     let mut images = HashMap::new();
     let mut materials: Vec<Material> = document
         .materials()
@@ -111,7 +107,8 @@ mod tests {
     #[test]
     fn a_quarter_turn_is_the_one_of_the_extension() {
         // KHR_texture_transform's matrix for the rotation a is ((cos a, sin a), (-sin a, cos a)).
-        let transform = UvTransform { rotation: std::f32::consts::FRAC_PI_2, scale: Vec2::splat(2.0), ..UvTransform::default() };
+        let transform =
+            UvTransform { rotation: std::f32::consts::FRAC_PI_2, scale: Vec2::splat(2.0), ..UvTransform::default() };
         assert!((transform.apply(Vec2::new(1.0, 0.0)) - Vec2::new(0.0, -2.0)).length() < 1e-6);
         assert!((transform.apply(Vec2::new(0.0, 1.0)) - Vec2::new(2.0, 0.0)).length() < 1e-6);
     }

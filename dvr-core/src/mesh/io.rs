@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use super::{Material, Mesh, TexturedMesh, glb, gltf, obj, off, ply};
 use crate::error::{Error, Result};
-use crate::files;
+use crate::files::write_bytes_atomically;
 
 /// Reads a mesh: Wavefront OBJ with its MTL and textures, PLY, OFF, glTF or GLB, by the path's extension.
 ///
@@ -54,7 +54,7 @@ pub fn write_mesh(path: impl AsRef<Path>, mesh: &Mesh) -> Result<()> {
         "glb" => glb::encode(mesh),
         other => return Err(unknown_format(path, other, "OBJ, PLY or GLB")),
     };
-    files::write_atomic(path, &bytes)
+    write_bytes_atomically(path, &bytes)
 }
 
 fn extension(path: &Path) -> String {
@@ -102,7 +102,8 @@ pub(super) fn find_reference(folder: &Path, name: &str) -> Option<PathBuf> {
         let mut names: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).collect();
         names.sort();
         names.into_iter().find(|path| {
-            path.is_file() && path.file_name().is_some_and(|n| n.to_string_lossy().to_lowercase() == bare.to_lowercase())
+            path.is_file()
+                && path.file_name().is_some_and(|n| n.to_string_lossy().to_lowercase() == bare.to_lowercase())
         })
     })
 }

@@ -10,6 +10,7 @@ mod obj;
 mod off;
 mod ply;
 mod polygon;
+pub mod shapes;
 
 use std::sync::Arc;
 

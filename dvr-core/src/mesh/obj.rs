@@ -300,11 +300,10 @@ mod tests {
 
     #[test]
     fn a_vertex_with_two_normals_becomes_two() {
-        let mesh = parse(
-            "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nvn 0 0 1\nvn 0 -2 0\nf 1//1 2//1 3//1\nf 1//2 4//2 2//2\n",
-        )
-        .unwrap()
-        .mesh;
+        let mesh =
+            parse("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nvn 0 0 1\nvn 0 -2 0\nf 1//1 2//1 3//1\nf 1//2 4//2 2//2\n")
+                .unwrap()
+                .mesh;
         assert_eq!(mesh.vertices.len(), 6);
         let normals = mesh.normals.as_ref().unwrap();
         assert!(mesh.faces[0].iter().all(|&v| normals[v as usize] == Vec3::Z));

@@ -109,7 +109,8 @@ mod tests {
 
     #[test]
     fn what_is_cut_short_or_out_of_range_is_refused() {
-        for text in ["", "PLY\n", "OFF\n", "OFF\n3 1 0\n0 0 0\n", "OFF\n1 1 0\n0 0 0\n3 0 0 1\n", "OFF\n1 1 0\n0 0 0\n3 0 0\n"]
+        for text in
+            ["", "PLY\n", "OFF\n", "OFF\n3 1 0\n0 0 0\n", "OFF\n1 1 0\n0 0 0\n3 0 0 1\n", "OFF\n1 1 0\n0 0 0\n3 0 0\n"]
         {
             assert!(parse(text).is_err(), "{text}");
         }

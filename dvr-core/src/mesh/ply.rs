@@ -13,7 +13,8 @@ use crate::error::{Error, Result};
 
 /// Reads ASCII and binary files: positions, normals, colours (whole numbers or fractions) and polygons.
 pub(super) fn read(path: &Path, bytes: &[u8], _warnings: &mut Vec<String>) -> Result<TexturedMesh> {
-    let fail = |problem: String| Error::format(path, problem, "Export the mesh again, as PLY with triangles or polygons.");
+    let fail =
+        |problem: String| Error::format(path, problem, "Export the mesh again, as PLY with triangles or polygons.");
     let ply =
         Parser::<Element>::new().read_ply(&mut &bytes[..]).map_err(|e| fail(format!("not a sound PLY file: {e}")))?;
     let vertex_header = ply.header.elements.get("vertex").ok_or_else(|| fail("there are no vertices".to_owned()))?;
@@ -126,7 +127,8 @@ mod tests {
         read(Path::new("test.ply"), bytes, &mut Vec::new())
     }
 
-    const HEADER: &str = "ply\nformat ascii 1.0\nelement vertex 4\nproperty double x\nproperty double y\nproperty float z\n";
+    const HEADER: &str =
+        "ply\nformat ascii 1.0\nelement vertex 4\nproperty double x\nproperty double y\nproperty float z\n";
 
     #[test]
     fn quads_of_ascii_files_become_triangles_and_colours_are_bytes_or_fractions() {
