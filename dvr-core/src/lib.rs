@@ -6,11 +6,15 @@ mod bvh;
 mod camera;
 mod error;
 pub mod files;
+pub mod hull;
+pub mod inside;
 pub mod mesh;
+pub mod metrics;
 pub mod npz;
 mod points;
 mod raster;
 mod ray;
+pub mod sampling;
 mod scene;
 mod srgb;
 
