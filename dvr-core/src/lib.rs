@@ -2,20 +2,27 @@
 
 #![warn(missing_docs)]
 
+mod bvh;
 mod camera;
 mod error;
 pub mod files;
 pub mod hull;
+pub mod inside;
 pub mod mesh;
+pub mod metrics;
 pub mod npz;
 mod points;
 mod raster;
 mod ray;
+pub mod sampling;
 mod scene;
+mod srgb;
 
+pub use bvh::{Bvh, RayHit};
 pub use camera::{Camera, Similarity};
 pub use error::{Error, Result};
 pub use points::{OccupancySamples, PointCloud};
 pub use raster::{DepthMap, Mask};
 pub use ray::{Ray, UnitCube};
 pub use scene::{GroundTruth, Scene, Split, View};
+pub use srgb::{linear_to_srgb, srgb_to_linear};

@@ -5,6 +5,7 @@ use glam::DMat3;
 use image::{GrayImage, Luma};
 
 use super::*;
+use crate::npz::NpzFile;
 
 /// Cameras on a sphere around `center` that look at it; `distance` in the units of the world.
 fn cameras(count: usize, size: u32, center: DVec3, distance: f64) -> Vec<Camera> {
@@ -249,14 +250,9 @@ fn middlebury(folder: &str, parameters: &str) -> Option<(Vec<Camera>, Vec<Mask>)
 
 fn dtu() -> Option<(Vec<Camera>, Vec<Mask>, DMat3, DVec3)> {
     let folder = shared("scenes/dtu_scan65")?;
-    let mut archive = npyz::npz::NpzArchive::open(folder.join("cameras_sphere.npz")).unwrap();
+    let mut file = NpzFile::open(&folder.join("cameras_sphere.npz")).unwrap();
     let mut matrix = |name: &str| -> (DMat3, DVec3) {
-        let data: Vec<f64> = match archive.by_name(name).unwrap().unwrap() {
-            array if matches!(array.dtype(), npyz::DType::Plain(ref t) if t.size_field() == 4) => {
-                array.into_vec::<f32>().unwrap().into_iter().map(f64::from).collect()
-            }
-            array => array.into_vec().unwrap(),
-        };
+        let data = file.read(name).unwrap().to_f64();
         let row = |i: usize| DVec3::from_slice(&data[4 * i..4 * i + 3]);
         (DMat3::from_cols(row(0), row(1), row(2)).transpose(), DVec3::new(data[3], data[7], data[11]))
     };
