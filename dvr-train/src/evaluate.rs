@@ -1,11 +1,12 @@
 //! The final figures: shape against the truth, pictures against views that were not trained on.
 
 use dvr_core::mesh::Mesh;
-use dvr_core::metrics::{
-    F_SCORE_THRESHOLDS, SURFACE_SAMPLES, ShapeScore, cloud_floor, intersection_over_union, mask_iou, psnr,
-    score_surface, ssim,
-};
-use dvr_core::{GroundTruth, PointCloud, View, WindingNumbers, sample_surface};
+use dvr_core::inside::points_inside;
+use dvr_core::metrics::intersection_over_union;
+use dvr_core::metrics::picture::{mask_iou, psnr, ssim};
+use dvr_core::metrics::shape::{F_SCORE_THRESHOLDS, SURFACE_SAMPLES, ShapeScore, cloud_floor, score_surface};
+use dvr_core::sampling::sample_surface;
+use dvr_core::{GroundTruth, PointCloud, View};
 use dvr_render::{Field, RenderSettings, SkipGrid, render_view};
 use serde::{Deserialize, Serialize};
 
@@ -48,8 +49,7 @@ pub fn evaluate_shape(mesh: &Mesh, truth: &GroundTruth, seed: u64) -> Result<Sha
         floor = Some(cloud_floor(cloud, SURFACE_SAMPLES, &F_SCORE_THRESHOLDS, seed)?);
     }
     if let Some(samples) = &truth.occupancy {
-        let winding = WindingNumbers::new(mesh);
-        let predicted = winding.contains_all(&samples.points);
+        let predicted = points_inside(mesh, &samples.points);
         volume_iou = Some(intersection_over_union(&predicted, &samples.inside)?);
     }
     Ok(ShapeEvaluation { surface, floor, volume_iou })
