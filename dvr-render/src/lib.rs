@@ -1,1 +1,5 @@
 //! dvr-render
+
+#![warn(missing_docs)]
+
+pub mod extract;
