@@ -6,6 +6,9 @@
 //! latent codes, and, if the point was put together on the graph, ray origin and direction (`dd/dr0 = -g/s`,
 //! `dd/dw = -d g/s`), hence cameras.
 
+// Upstream deprecates burn-ndarray; here it is only a second oracle, behind a feature.
+#![allow(deprecated)]
+
 use burn::backend::autodiff::checkpoint::base::Checkpointer;
 use burn::backend::autodiff::checkpoint::strategy::CheckpointStrategy;
 use burn::backend::autodiff::grads::Gradients;

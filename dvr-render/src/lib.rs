@@ -1,6 +1,7 @@
 //! From an implicit field to pictures and meshes.
 #![warn(missing_docs)]
 
+pub mod extract;
 mod field;
 mod implicit_depth;
 mod march;
