@@ -161,7 +161,7 @@ impl Similarity {
     pub fn from_matrix(matrix: &DMat4) -> Result<Self> {
         let linear = DMat3::from_mat4(*matrix);
         let scale = linear.determinant().cbrt();
-        if !matrix.is_finite() || !(scale > 0.0) {
+        if !matrix.is_finite() || scale.is_nan() || scale <= 0.0 {
             return Err(Error::scene(
                 format!("a scale matrix is singular, mirrored or not finite (scale {scale})"),
                 "A scale_mat must be a uniform scale with a rotation and a translation.",
