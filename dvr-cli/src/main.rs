@@ -1,2 +1,37 @@
-//! dvr
-fn main() {}
+//! `dvr`: posed photos in, a textured mesh out.
+
+mod args;
+mod backend;
+mod commands;
+mod progress;
+
+use std::process::ExitCode;
+
+use clap::Parser;
+
+use args::{Cli, Command};
+
+/// What every refusal of bad input exits with, clap's included.
+const EXIT_BAD_INPUT: u8 = 2;
+
+/// What a run stopped by Ctrl-C exits with, by convention 128 + SIGINT.
+pub(crate) const EXIT_INTERRUPTED: u8 = 130;
+
+fn main() -> ExitCode {
+    let result = match Cli::parse().command {
+        Command::Info(args) => commands::info::run(&args),
+        Command::Train(args) => commands::train::run(&args),
+        Command::Mesh(args) => commands::mesh::run(&args),
+        Command::Render(args) => commands::render::run(&args),
+        Command::Eval(args) => commands::eval::run(&args),
+        Command::Synth(args) => commands::synth::run(&args),
+        Command::Export(args) => commands::export::run(&args),
+    };
+    match result {
+        Ok(code) => code,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::from(EXIT_BAD_INPUT)
+        }
+    }
+}

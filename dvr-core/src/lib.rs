@@ -2,6 +2,7 @@
 
 #![warn(missing_docs)]
 
+mod bvh;
 mod camera;
 pub mod dataset;
 mod error;
@@ -16,10 +17,13 @@ mod raster;
 mod ray;
 pub mod sampling;
 mod scene;
+mod srgb;
 
+pub use bvh::{Bvh, RayHit};
 pub use camera::{Camera, Similarity};
 pub use error::{Error, Result};
 pub use points::{OccupancySamples, PointCloud};
 pub use raster::{DepthMap, Mask};
 pub use ray::{Ray, UnitCube};
 pub use scene::{GroundTruth, Scene, SparsePoints, Split, View};
+pub use srgb::{linear_to_srgb, srgb_to_linear};

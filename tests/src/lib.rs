@@ -1,1 +1,128 @@
-//! End-to-end tests.
+//! What the tests of several crates share: the fixtures and scenes that lie beside the checkout, and devices.
+//!
+//! `../shared` holds arrays that the PyTorch original computed, and scenes. It is not part of the project: where it is
+//! missing, tests say that they were skipped, and pass.
+
+use std::path::PathBuf;
+
+use burn::module::{Module, ModuleMapper, Param};
+use burn::tensor::{DType, Device, FloatDType, Tensor, TensorData};
+use dvr_core::npz::NpzFile;
+use dvr_model::{Decoder, DecoderConfig};
+
+/// The folder beside the checkout, or `None` (with a line of output) where it is missing.
+pub fn shared(part: &str) -> Option<PathBuf> {
+    let path = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared")).join(part);
+    if path.exists() {
+        return Some(path);
+    }
+    println!("skipped: {} is not here", path.display());
+    None
+}
+
+/// Arrays that the original computed.
+pub struct Fixture(NpzFile);
+
+impl Fixture {
+    /// Opens `../shared/fixtures/<name>.npz`, or `None` where the folder is missing.
+    pub fn open(name: &str) -> Option<Self> {
+        let path = shared("fixtures")?.join(format!("{name}.npz"));
+        Some(Self(NpzFile::open(&path).unwrap_or_else(|e| panic!("{e}"))))
+    }
+
+    /// Names of all arrays.
+    pub fn names(&self) -> Vec<String> {
+        self.0.names().to_vec()
+    }
+
+    /// Whether there is an array of that name.
+    pub fn contains(&self, name: &str) -> bool {
+        self.0.contains(name)
+    }
+
+    /// An array as numbers.
+    pub fn numbers(&mut self, name: &str) -> Vec<f64> {
+        self.0.read(name).unwrap_or_else(|e| panic!("{e}")).to_f64()
+    }
+
+    /// An array as truth values.
+    pub fn truths(&mut self, name: &str) -> Vec<bool> {
+        self.0.read(name).unwrap_or_else(|e| panic!("{e}")).to_bool()
+    }
+
+    /// An array of one number.
+    pub fn number(&mut self, name: &str) -> f64 {
+        self.numbers(name)[0]
+    }
+
+    /// An array as points.
+    pub fn points(&mut self, name: &str) -> Vec<[f64; 3]> {
+        self.numbers(name).chunks_exact(3).map(|p| [p[0], p[1], p[2]]).collect()
+    }
+}
+
+/// The fixtures' decoder with a code of length `code_dim` (0 or 32), with parameters of the device's float type.
+pub fn fixture_decoder(code_dim: usize, device: &Device) -> Option<(DecoderConfig, Decoder)> {
+    let path = shared("fixtures")?.join(format!("decoder_c{code_dim}_h64.safetensors"));
+    let (config, decoder) = dvr_model::load_safetensors(&path, device).unwrap_or_else(|e| panic!("{e}"));
+    let dtype = Tensor::<1>::zeros([1], device).dtype();
+    Some((config, decoder.map(&mut CastTo(dtype))))
+}
+
+/// Casts all float parameters.
+struct CastTo(DType);
+
+impl ModuleMapper for CastTo {
+    fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
+        let dtype = FloatDType::from(self.0);
+        param.map(|tensor| {
+            let tracked = tensor.is_require_grad();
+            tensor.detach().cast(dtype).set_require_grad(tracked)
+        })
+    }
+}
+
+/// `[n, 3]` points on a device.
+pub fn tensor3(points: &[[f64; 3]], device: &Device) -> Tensor<2> {
+    let values: Vec<f64> = points.iter().flatten().copied().collect();
+    Tensor::from_data(TensorData::new(values, [points.len(), 3]), device)
+}
+
+/// `[n]` numbers on a device.
+pub fn tensor1(values: &[f64], device: &Device) -> Tensor<1> {
+    Tensor::from_data(TensorData::new(values.to_vec(), [values.len()]), device)
+}
+
+/// A tensor's numbers.
+pub fn numbers<const D: usize>(tensor: Tensor<D>) -> Vec<f64> {
+    tensor.into_data().iter::<f64>().collect()
+}
+
+/// Largest absolute difference.
+pub fn max_difference(a: &[f64], b: &[f64]) -> f64 {
+    assert_eq!(a.len(), b.len());
+    a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+}
+
+/// `|a - b| / |b|` in the Euclidean norm.
+pub fn relative_difference(a: &[f64], b: &[f64]) -> f64 {
+    assert_eq!(a.len(), b.len());
+    let norm = |v: &mut dyn Iterator<Item = f64>| v.map(|x| x * x).sum::<f64>().sqrt();
+    norm(&mut a.iter().zip(b).map(|(a, b)| a - b)) / norm(&mut b.iter().copied()).max(f64::MIN_POSITIVE)
+}
+
+/// The devices that the suites run on, in single precision.
+pub fn devices() -> Vec<(&'static str, Device)> {
+    vec![("flex", Device::flex()), ("ndarray", Device::ndarray())]
+}
+
+/// The same in double precision. The choice holds for the whole process: only for tests with a binary of their own.
+pub fn double_precision_devices() -> Vec<(&'static str, Device)> {
+    static ONCE: std::sync::Once = std::sync::Once::new();
+    ONCE.call_once(|| {
+        for (_, mut device) in devices() {
+            device.configure(FloatDType::F64).unwrap_or_else(|e| panic!("{e:?}"));
+        }
+    });
+    devices()
+}

@@ -1,8 +1,22 @@
 //! Triangle meshes: what extraction writes and what the dataset renderer reads.
 
+mod accessor;
+mod glb;
+mod gltf;
+mod gltf_material;
+mod io;
+mod mtl;
+mod obj;
+mod off;
+mod ply;
+mod polygon;
+pub mod shapes;
+
 use std::sync::Arc;
 
 use glam::{Vec2, Vec3};
+
+pub use io::{read_mesh, read_mesh_with_warnings, write_mesh};
 
 use crate::camera::Similarity;
 

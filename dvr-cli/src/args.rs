@@ -1,0 +1,385 @@
+//! The command line.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use anyhow::Result;
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use dvr_core::dataset::{Background, BackgroundColor, Format, Normalise, ReadOptions};
+use dvr_train::Supervision;
+
+use crate::backend::Backend;
+
+/// Posed photos in, a trustworthy textured mesh out.
+#[derive(Debug, Parser)]
+#[command(name = "dvr", version, about, long_about = LONG_ABOUT)]
+pub struct Cli {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+const LONG_ABOUT: &str = "Posed photos in, a trustworthy textured mesh out.
+
+dvr reconstructs one object from photographs with known cameras and masks, by differentiable volumetric rendering: a \
+neural occupancy and texture field whose surface depth has an exact, analytic gradient. Look at a scene with `dvr info` \
+first, then `dvr train SCENE --out RUN` does the whole job: training, mesh (PLY and GLB), preview sheet and figures.";
+
+/// The commands.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Show what was found in a scene: views, cameras, masks, bounds, and what may go wrong
+    Info(InfoArgs),
+    /// Reconstruct a scene: trains, then writes mesh, preview sheet and figures
+    Train(TrainArgs),
+    /// Extract the mesh of a run again, at another resolution or in another format
+    Mesh(MeshArgs),
+    /// Render a run: the dataset's views, or an orbit as images and a turntable animation
+    Render(RenderArgs),
+    /// Measure a run or a mesh: shape against ground truth, pictures against held-out views
+    Eval(EvalArgs),
+    /// Render meshes into a ShapeNet-style dataset with images, masks, depth, cameras and ground truth
+    Synth(SynthArgs),
+    /// Write the network of a run as safetensors, with PyTorch names and layout
+    Export(ExportArgs),
+}
+
+/// How a scene is read.
+#[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "Reading the scene")]
+pub struct SceneArgs {
+    /// Layout of the files: dvr, transforms (NeRF, nerfstudio), idr (IDR, NeuS), middlebury or colmap [default: found by looking]
+    #[arg(long)]
+    pub format: Option<Format>,
+    /// Average this many by this many pixels into one
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=64), value_name = "N")]
+    pub downscale: u32,
+    /// Take as mask what differs from a plain background: white, black, or border (each picture's own edge colour)
+    #[arg(long, value_name = "COLOR")]
+    pub background: Option<BackgroundColor>,
+    /// How much a pixel must differ from the plain background, of 255
+    #[arg(long, default_value_t = 12, requires = "background", value_name = "LEVEL")]
+    pub background_threshold: u8,
+    /// Use at most this many training views, spread evenly
+    #[arg(long, value_name = "N")]
+    pub views: Option<usize>,
+    /// Leave out views, by name or by number from 0; separate with commas
+    #[arg(long, value_delimiter = ',', value_name = "VIEW")]
+    pub ignore: Vec<String>,
+    /// Who says where the object is: auto, files (trust scale_mat) or hull (from the masks)
+    #[arg(long, value_enum, default_value_t = NormaliseArg::Auto, value_name = "HOW")]
+    pub normalise: NormaliseArg,
+    /// DVR layout: take depth from visual_hull_depth/
+    #[arg(long)]
+    pub visual_hull_depth: bool,
+}
+
+/// Who says where the object is.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum NormaliseArg {
+    /// The files where they promise the unit cube, else the masks
+    Auto,
+    /// The files
+    Files,
+    /// The masks
+    Hull,
+}
+
+impl SceneArgs {
+    /// As the library takes it.
+    pub fn read_options(&self) -> ReadOptions {
+        ReadOptions {
+            format: self.format,
+            downscale: self.downscale,
+            background: self.background.map(|color| Background { color, threshold: self.background_threshold }),
+            n_views: self.views,
+            ignored_views: self.ignore.clone(),
+            normalise: match self.normalise {
+                NormaliseArg::Auto => Normalise::Auto,
+                NormaliseArg::Files => Normalise::Files,
+                NormaliseArg::Hull => Normalise::Hull,
+            },
+            visual_hull_depth: self.visual_hull_depth,
+        }
+    }
+}
+
+/// Where the computation runs.
+#[derive(Args, Clone, Copy, Debug)]
+pub struct BackendArg {
+    /// Where to compute
+    #[arg(long, value_enum, default_value_t = Backend::Cpu)]
+    pub backend: Backend,
+}
+
+/// Arguments of `dvr info`.
+#[derive(Args, Debug)]
+pub struct InfoArgs {
+    /// Folder (or cameras file) of the scene
+    pub scene: PathBuf,
+    #[command(flatten)]
+    pub reading: SceneArgs,
+    /// Print as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Arguments of `dvr train`.
+#[derive(Args, Debug)]
+pub struct TrainArgs {
+    /// Folder (or cameras file) of the scene; not needed with --resume
+    #[arg(required_unless_present = "resume")]
+    pub scene: Option<PathBuf>,
+    /// Folder for checkpoints, mesh, preview and figures
+    #[arg(long, short, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Continue the run in --out from its last checkpoint
+    #[arg(long, conflicts_with_all = ["overwrite", "config", "set", "supervision", "steps", "seed"])]
+    pub resume: bool,
+    /// Replace the run in --out
+    #[arg(long)]
+    pub overwrite: bool,
+    /// What teaches the shape: rgb, depth or rgb+depth [default: rgb]
+    #[arg(long, value_name = "WHAT", help_heading = "Training")]
+    pub supervision: Option<Supervision>,
+    /// Optimiser steps [default: see --print-config]
+    #[arg(long, value_name = "N", help_heading = "Training")]
+    pub steps: Option<usize>,
+    /// Stop training after this time, e.g. 90s, 10m, 2h
+    #[arg(long, value_parser = parse_duration, value_name = "TIME", help_heading = "Training")]
+    pub time: Option<Duration>,
+    /// Seed of all random choices [default: 0]
+    #[arg(long, value_name = "N", help_heading = "Training")]
+    pub seed: Option<u64>,
+    /// JSON file with configuration values that replace the defaults
+    #[arg(long, value_name = "FILE", help_heading = "Training")]
+    pub config: Option<PathBuf>,
+    /// One configuration value, e.g. --set losses.normal=0.1; may be given several times
+    #[arg(long, value_name = "KEY=VALUE", help_heading = "Training")]
+    pub set: Vec<String>,
+    /// Print the configuration as JSON and stop
+    #[arg(long, help_heading = "Training")]
+    pub print_config: bool,
+    #[command(flatten)]
+    pub extraction: ExtractionArgs,
+    #[command(flatten)]
+    pub backend: BackendArg,
+    #[command(flatten)]
+    pub reading: SceneArgs,
+}
+
+/// How a mesh is extracted.
+#[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "Mesh")]
+pub struct ExtractionArgs {
+    /// Grid cells along an edge of the object's cube
+    #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(8..=2048), value_name = "N")]
+    pub resolution: u32,
+    /// Drop pieces smaller than this share of the largest piece's area; 0 keeps everything
+    #[arg(long, default_value_t = 0.01, value_name = "SHARE")]
+    pub min_piece: f64,
+}
+
+/// Arguments of `dvr mesh`.
+#[derive(Args, Debug)]
+pub struct MeshArgs {
+    /// Folder of a run, or one of its checkpoints
+    pub run: PathBuf,
+    /// File to write: .ply, .obj or .glb by its ending [default: mesh.ply and mesh.glb in the run]
+    #[arg(long, short, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    /// Leave the mesh in object space (the unit cube) instead of the scene's own coordinates
+    #[arg(long)]
+    pub object_space: bool,
+    #[command(flatten)]
+    pub extraction: ExtractionArgs,
+    #[command(flatten)]
+    pub backend: BackendArg,
+}
+
+/// Which cameras `dvr render` takes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Cameras {
+    /// A turn around the object
+    Orbit,
+    /// The views of the scene that the run was trained on
+    Dataset,
+}
+
+/// Arguments of `dvr render`.
+#[derive(Args, Debug)]
+pub struct RenderArgs {
+    /// Folder of a run, or one of its checkpoints
+    pub run: PathBuf,
+    /// Folder for the images
+    #[arg(long, short, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Which cameras
+    #[arg(long, value_enum, default_value_t = Cameras::Orbit)]
+    pub cameras: Cameras,
+    /// Frames of the orbit
+    #[arg(long, default_value_t = 36, value_parser = clap::value_parser!(u32).range(1..=3600), value_name = "N")]
+    pub frames: u32,
+    /// Width and height of the orbit's frames, pixels
+    #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(8..=8192), value_name = "PIXELS")]
+    pub size: u32,
+    /// Height of the orbit's camera above the object's middle, degrees
+    #[arg(long, default_value_t = 20.0, allow_negative_numbers = true, value_name = "DEGREES")]
+    pub elevation: f64,
+    /// Axis the orbit turns around, in object space [default: the mean up direction of the scene's cameras]
+    #[arg(long, value_enum)]
+    pub up: Option<UpAxis>,
+    /// Animation of the orbit
+    #[arg(long, value_enum, default_value_t = Animation::Gif)]
+    pub animation: Animation,
+    /// Also write colour and z-depth as EXR (depth in the scene's units)
+    #[arg(long)]
+    pub exr: bool,
+    /// Also write normals as PNG
+    #[arg(long)]
+    pub normals: bool,
+    /// Samples across the object's cube
+    #[arg(long, default_value_t = 128, value_parser = clap::value_parser!(u32).range(2..=8192), value_name = "N")]
+    pub samples: u32,
+    /// Where the scene lies now, if it was moved since training
+    #[arg(long, value_name = "SCENE")]
+    pub data: Option<PathBuf>,
+    #[command(flatten)]
+    pub backend: BackendArg,
+}
+
+/// An axis to turn around.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum UpAxis {
+    /// +x
+    X,
+    /// +y
+    Y,
+    /// +z
+    Z,
+    /// -x
+    MinusX,
+    /// -y
+    MinusY,
+    /// -z
+    MinusZ,
+}
+
+/// Format of the turntable.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Animation {
+    /// turntable.gif
+    Gif,
+    /// Frames only
+    None,
+}
+
+/// Arguments of `dvr eval`.
+#[derive(Args, Debug)]
+pub struct EvalArgs {
+    /// Folder of a run, one of its checkpoints, or a mesh file in the scene's coordinates
+    pub subject: PathBuf,
+    /// The scene with ground truth or held-out views [default: the one the run was trained on]
+    #[arg(long, value_name = "SCENE")]
+    pub data: Option<PathBuf>,
+    /// Write the figures to this file as JSON
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+    /// Seed of the surface samples
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    pub seed: u64,
+    /// Samples across the object's cube when views are rendered
+    #[arg(long, default_value_t = 128, value_parser = clap::value_parser!(u32).range(2..=8192), value_name = "N")]
+    pub samples: u32,
+    /// Skip rendering the held-out views
+    #[arg(long)]
+    pub no_views: bool,
+    #[command(flatten)]
+    pub extraction: ExtractionArgs,
+    #[command(flatten)]
+    pub backend: BackendArg,
+    #[command(flatten)]
+    pub reading: SceneArgs,
+}
+
+/// Arguments of `dvr synth`.
+#[derive(Args, Debug)]
+pub struct SynthArgs {
+    /// Meshes (OBJ, PLY, OFF, GLB, glTF), or folders of them: a folder's name becomes the category
+    #[arg(required = true)]
+    pub meshes: Vec<PathBuf>,
+    /// Folder of the dataset
+    #[arg(long, short, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Views of each object
+    #[arg(long, default_value_t = 24, value_parser = clap::value_parser!(u32).range(1..=10_000), value_name = "N")]
+    pub views: u32,
+    /// Width and height in pixels, e.g. 64 or 320x240
+    #[arg(long, default_value = "64", value_parser = parse_size, value_name = "SIZE")]
+    pub size: (u32, u32),
+    /// Category of meshes that are given as files [default: the folder's name]
+    #[arg(long, value_name = "NAME")]
+    pub category: Option<String>,
+    /// Seed of cameras, samples and noise
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    pub seed: u64,
+    /// JSON file with further settings (see --print-config)
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// Print all settings as JSON and stop
+    #[arg(long)]
+    pub print_config: bool,
+}
+
+/// Arguments of `dvr export`.
+#[derive(Args, Debug)]
+pub struct ExportArgs {
+    /// Folder of a run, or one of its checkpoints
+    pub run: PathBuf,
+    /// File to write, .safetensors
+    #[arg(long, short, value_name = "FILE")]
+    pub out: PathBuf,
+}
+
+/// Reads `90s`, `10m`, `2h` or plain seconds.
+fn parse_duration(text: &str) -> Result<Duration, String> {
+    let (number, factor) = match text.char_indices().last() {
+        Some((i, 's')) => (&text[..i], 1.0),
+        Some((i, 'm')) => (&text[..i], 60.0),
+        Some((i, 'h')) => (&text[..i], 3600.0),
+        _ => (text, 1.0),
+    };
+    let seconds: f64 = number.parse().map_err(|_| format!("{text:?} is no time; write 90s, 10m or 2h"))?;
+    Duration::try_from_secs_f64(seconds * factor).map_err(|e| format!("{text:?}: {e}"))
+}
+
+/// Reads `64` or `320x240`.
+fn parse_size(text: &str) -> Result<(u32, u32), String> {
+    let (width, height) = text.split_once('x').unwrap_or((text, text));
+    let side = |s: &str| s.parse::<u32>().ok().filter(|n| (1..=16_384).contains(n));
+    match (side(width), side(height)) {
+        (Some(width), Some(height)) => Ok((width, height)),
+        _ => Err(format!("{text:?} is no size; write 64 or 320x240, at most 16384")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    use super::*;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn times_and_sizes_are_read_or_refused() {
+        assert_eq!(parse_duration("90s"), Ok(Duration::from_secs(90)));
+        assert_eq!(parse_duration("1.5m"), Ok(Duration::from_secs(90)));
+        assert!(parse_duration("soon").is_err() && parse_duration("-1s").is_err());
+        assert_eq!(parse_size("320x240"), Ok((320, 240)));
+        assert!(parse_size("0").is_err() && parse_size("axb").is_err());
+    }
+}

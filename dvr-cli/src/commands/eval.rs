@@ -1,0 +1,119 @@
+//! `dvr eval`: figures of a run or a mesh.
+
+use std::process::ExitCode;
+
+use anyhow::{Context, Result, bail};
+use dvr_core::dataset::read_scene;
+use dvr_core::mesh::{Mesh, read_mesh};
+use dvr_core::{Scene, UnitCube};
+use dvr_render::{MarchSettings, RenderSettings, SkipGrid};
+use dvr_train::{
+    Error, Observer, SKIP_CELLS, ShapeEvaluation, ViewEvaluation, ViewSplit, decoder_of, evaluate_shape,
+    evaluate_views, judging_views, object_mesh, surface_points,
+};
+use serde::Serialize;
+
+use super::{extract_settings, load_run, scene_of_run};
+use crate::args::EvalArgs;
+use crate::progress::Progress;
+
+/// What is written with `--json`.
+#[derive(Serialize)]
+struct Report {
+    scene: String,
+    shape: ShapeEvaluation,
+    views: Vec<ViewEvaluation>,
+}
+
+/// Measures and prints.
+pub fn run(args: &EvalArgs) -> Result<ExitCode> {
+    let is_mesh = args.subject.is_file() && args.subject.extension().is_none_or(|e| e != "ckpt");
+    let report = if is_mesh { of_mesh(args)? } else { of_run(args)? };
+    print_shape(&report.shape);
+    print_views(&report.views);
+    if report.shape == (ShapeEvaluation { surface: None, floor: None, volume_iou: None }) && report.views.is_empty() {
+        bail!("scene {:?} has neither ground truth nor views that were held out: there is nothing to compare", report.scene);
+    }
+    if let Some(path) = &args.json {
+        dvr_core::files::write_bytes_atomically(path, serde_json::to_string_pretty(&report)?.as_bytes())?;
+        println!("wrote {}", path.display());
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn of_mesh(args: &EvalArgs) -> Result<Report> {
+    let data = args.data.as_ref().context("a mesh is measured against a scene: give it with --data")?;
+    let scene = read_scene(data, &args.reading.read_options())?;
+    let mesh = read_mesh(&args.subject)?.mesh.transformed(&scene.object_to_world.inverse());
+    let shape = evaluate_shape(&mesh, &scene.ground_truth, args.seed)?;
+    Ok(Report { scene: scene.name, shape, views: Vec::new() })
+}
+
+fn of_run(args: &EvalArgs) -> Result<Report> {
+    let checkpoint = load_run(&args.subject)?;
+    let scene: Scene = scene_of_run(&checkpoint, args.data.as_ref())?;
+    let field = decoder_of(&checkpoint, &args.backend.backend.device())?;
+    let split = ViewSplit::new(&scene, checkpoint.header.config.hold_out_every)?;
+    let seeds = surface_points(&field, &split.train, 2_000);
+    let mesh = match object_mesh(&field, &extract_settings(&args.extraction), &seeds) {
+        Ok(extracted) => extracted.mesh,
+        Err(Error::NoMesh(reason)) => {
+            eprintln!("note: {reason}");
+            Mesh::default()
+        }
+        Err(other) => return Err(other.into()),
+    };
+    let shape = evaluate_shape(&mesh, &scene.ground_truth, args.seed)?;
+    let mut views = Vec::new();
+    if !args.no_views {
+        let judges = judging_views(&scene, &split);
+        let skip = SkipGrid::build(&field, UnitCube::default(), SKIP_CELLS, 8192);
+        let march = MarchSettings { steps: args.samples as usize, ..MarchSettings::default() };
+        let settings = RenderSettings { march, ..RenderSettings::default() };
+        let mut progress = Progress::new();
+        progress.phase("rendering held-out views", judges.len());
+        views = evaluate_views(&field, &judges, &settings, Some(&skip), |done| progress.progress(done, ""))?;
+    }
+    Ok(Report { scene: scene.name, shape, views })
+}
+
+/// Prints the shape's figures, each Chamfer beside its floor.
+pub fn print_shape(shape: &ShapeEvaluation) {
+    if let Some(score) = &shape.surface {
+        println!("shape (unit: edge of the object cube; papers print ten times the Chamfer distance)");
+        println!("  {:<22}{:>9}{:>9}", "", "result", "floor");
+        let floor = shape.floor.as_ref();
+        let row = |name: &str, value: f64, floor: Option<f64>| {
+            let floor = floor.map_or(String::new(), |f| format!("{f:.4}"));
+            println!("  {name:<22}{value:>9.4}{floor:>9}");
+        };
+        row("Chamfer-L1", score.chamfer_l1, floor.map(|f| f.chamfer_l1));
+        row("accuracy", score.accuracy, floor.map(|f| f.accuracy));
+        row("completeness", score.completeness, floor.map(|f| f.completeness));
+        if let Some(normals) = &score.normal_consistency {
+            let floor = floor.and_then(|f| f.normal_consistency.as_ref()).map(|n| n.mean);
+            row("normal consistency", normals.mean, floor);
+        }
+        for (i, f_score) in score.f_scores.iter().enumerate() {
+            let floor = floor.and_then(|f| f.f_scores.get(i)).map(|f| f.f_score);
+            row(&format!("F-score at {}", f_score.threshold), f_score.f_score, floor);
+        }
+    }
+    if let Some(iou) = shape.volume_iou {
+        println!("  {:<22}{iou:>9.4}", "volume IoU");
+    }
+}
+
+/// Prints the views' figures and their means.
+fn print_views(views: &[ViewEvaluation]) {
+    if views.is_empty() {
+        return;
+    }
+    println!("held-out views (both pictures on white)");
+    println!("  {:<22}{:>9}{:>9}{:>9}", "view", "PSNR dB", "SSIM", "mask IoU");
+    for view in views {
+        println!("  {:<22}{:>9.2}{:>9.4}{:>9.4}", view.view, view.psnr, view.ssim, view.mask_iou);
+    }
+    let mean = |part: fn(&ViewEvaluation) -> f64| views.iter().map(part).sum::<f64>() / views.len() as f64;
+    println!("  {:<22}{:>9.2}{:>9.4}{:>9.4}", "mean", mean(|v| v.psnr), mean(|v| v.ssim), mean(|v| v.mask_iou));
+}

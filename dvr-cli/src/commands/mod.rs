@@ -1,0 +1,54 @@
+//! The commands: each reads its arguments, calls the library and prints.
+
+pub mod eval;
+pub mod export;
+pub mod info;
+pub mod mesh;
+pub mod render;
+pub mod synth;
+pub mod train;
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result};
+use dvr_core::dataset::{Normalise, ReadOptions, read_scene};
+use dvr_core::Scene;
+use dvr_render::extract::ExtractSettings;
+use dvr_train::{Checkpoint, RunFolder};
+
+use crate::args::ExtractionArgs;
+
+/// The checkpoint of a run's folder, or the checkpoint that is given itself.
+pub fn load_run(path: &Path) -> Result<Checkpoint> {
+    let checkpoint = if path.is_dir() { RunFolder::new(path).load() } else { Checkpoint::load(path) };
+    Ok(checkpoint?)
+}
+
+/// The scene of a run, read as it was for training and in the same object space; from `moved` if it was moved.
+pub fn scene_of_run(checkpoint: &Checkpoint, moved: Option<&PathBuf>) -> Result<Scene> {
+    let mut options: ReadOptions = serde_json::from_value(checkpoint.header.reading.clone())
+        .context("the checkpoint does not say how its scene was read")?;
+    options.normalise = Normalise::Given(checkpoint.header.object_to_world);
+    let path = moved.unwrap_or(&checkpoint.header.scene);
+    read_scene(path, &options).with_context(|| format!("the run's scene, {}", path.display()))
+}
+
+/// Extraction as the arguments want it.
+pub fn extract_settings(args: &ExtractionArgs) -> ExtractSettings {
+    let defaults = ExtractSettings::default();
+    // The coarse grid has about 64 cells an edge: fine enough for most parts, a 64th of the cost of 256.
+    let upsampling_steps = (args.resolution / 64).max(1).ilog2() as usize;
+    ExtractSettings {
+        resolution: args.resolution as usize,
+        upsampling_steps,
+        min_component_share: args.min_piece,
+        ..defaults
+    }
+}
+
+/// Prints notes on standard error, one a line.
+pub fn print_notes(warnings: &[String]) {
+    for warning in warnings {
+        eprintln!("note: {warning}");
+    }
+}

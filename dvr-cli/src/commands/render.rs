@@ -1,0 +1,135 @@
+//! `dvr render`: images of a run.
+
+use std::path::Path;
+use std::process::ExitCode;
+
+use anyhow::{Context, Result};
+use dvr_core::files::{write_bytes_atomically, write_depth_exr, write_rgb_exr, write_rgb_png};
+use dvr_core::{Camera, Scene, Similarity, UnitCube};
+use dvr_render::{MarchSettings, RenderSettings, Rendering, SkipGrid, render_view};
+use dvr_train::preview::{normal_picture, to_rgb8};
+use dvr_train::{Observer, SKIP_CELLS, decoder_of};
+use glam::{DQuat, DVec3};
+use image::codecs::gif::{GifEncoder, Repeat};
+use image::{Delay, Frame, RgbImage};
+
+use super::{load_run, scene_of_run};
+use crate::args::{Animation, Cameras, RenderArgs, UpAxis};
+use crate::progress::Progress;
+
+/// Frames a second of the turntable.
+const FRAMES_A_SECOND: u32 = 18;
+
+/// Distance of the orbit's camera from the object's middle, in edges of the unit cube.
+const ORBIT_DISTANCE: f64 = 2.2;
+
+/// Renders and writes.
+pub fn run(args: &RenderArgs) -> Result<ExitCode> {
+    let checkpoint = load_run(&args.run)?;
+    let field = decoder_of(&checkpoint, &args.backend.backend.device())?;
+    let object_to_world = checkpoint.header.object_to_world;
+    let needs_scene = args.cameras == Cameras::Dataset || (args.up.is_none() && args.cameras == Cameras::Orbit);
+    let scene = if needs_scene { Some(scene_of_run(&checkpoint, args.data.as_ref())) } else { None };
+    let cameras: Vec<(String, Camera)> = match args.cameras {
+        Cameras::Dataset => {
+            let scene = scene.context("the dataset's views need its scene")??;
+            scene.views.into_iter().map(|view| (view.name, view.camera)).collect()
+        }
+        Cameras::Orbit => {
+            let up = match args.up {
+                Some(axis) => axis_vector(axis),
+                None => scene.and_then(Result::ok).map_or(DVec3::Y, |scene| mean_up(&scene)),
+            };
+            orbit(args, up)
+        }
+    };
+    std::fs::create_dir_all(&args.out).with_context(|| args.out.display().to_string())?;
+    let skip = SkipGrid::build(&field, UnitCube::default(), SKIP_CELLS, 8192);
+    let march = MarchSettings { steps: args.samples as usize, ..MarchSettings::default() };
+    let settings = RenderSettings { march, ..RenderSettings::default() };
+    let mut progress = Progress::new();
+    progress.phase("rendering", cameras.len());
+    let mut frames = Vec::new();
+    for (i, (name, camera)) in cameras.iter().enumerate() {
+        let rendering = render_view(&field, camera, &settings, Some(&skip));
+        let picture = to_rgb8(&rendering.color);
+        write_frame(&args.out, name, args, camera, &rendering, &picture, &object_to_world)?;
+        frames.push(picture);
+        progress.progress(i + 1, name);
+    }
+    if args.cameras == Cameras::Orbit && args.animation == Animation::Gif {
+        let path = args.out.join("turntable.gif");
+        write_bytes_atomically(&path, &turntable(frames)?)?;
+        println!("wrote {}", path.display());
+    }
+    println!("wrote {} images to {}", cameras.len(), args.out.display());
+    Ok(ExitCode::SUCCESS)
+}
+
+/// The pictures of one frame that were asked for.
+fn write_frame(
+    folder: &Path,
+    name: &str,
+    args: &RenderArgs,
+    camera: &Camera,
+    rendering: &Rendering,
+    picture: &RgbImage,
+    object_to_world: &Similarity,
+) -> Result<()> {
+    write_rgb_png(&folder.join(format!("{name}.png")), picture)?;
+    if args.normals {
+        write_rgb_png(&folder.join(format!("{name}_normal.png")), &normal_picture(rendering, camera))?;
+    }
+    if args.exr {
+        write_rgb_exr(&folder.join(format!("{name}.exr")), &rendering.color)?;
+        let depth = rendering.depth.clone().scaled(object_to_world.scale as f32);
+        write_depth_exr(&folder.join(format!("{name}_depth.exr")), &depth)?;
+    }
+    Ok(())
+}
+
+/// Cameras on a circle around the object, all of it in the picture.
+fn orbit(args: &RenderArgs, up: DVec3) -> Vec<(String, Camera)> {
+    // The ball around the unit cube, of radius sqrt(3)/2, fits into the picture.
+    let half_angle = (0.75f64.sqrt() / ORBIT_DISTANCE).asin();
+    let focal = 0.5 * f64::from(args.size) / half_angle.tan();
+    let forward = up.any_orthonormal_vector();
+    (0..args.frames)
+        .map(|i| {
+            let turn = DQuat::from_axis_angle(up, std::f64::consts::TAU * f64::from(i) / f64::from(args.frames));
+            let elevation = args.elevation.to_radians();
+            let eye = ORBIT_DISTANCE * (elevation.cos() * (turn * forward) + elevation.sin() * up);
+            (format!("orbit_{i:04}"), Camera::look_at(args.size, args.size, focal, eye, DVec3::ZERO, up))
+        })
+        .collect()
+}
+
+/// The direction that is up in most of the scene's pictures; +y where they disagree.
+fn mean_up(scene: &Scene) -> DVec3 {
+    let sum: DVec3 = scene.views.iter().map(|view| -view.camera.rotation.row(1)).sum();
+    if sum.length() > 0.2 * scene.views.len() as f64 { sum.normalize() } else { DVec3::Y }
+}
+
+fn axis_vector(axis: UpAxis) -> DVec3 {
+    match axis {
+        UpAxis::X => DVec3::X,
+        UpAxis::Y => DVec3::Y,
+        UpAxis::Z => DVec3::Z,
+        UpAxis::MinusX => DVec3::NEG_X,
+        UpAxis::MinusY => DVec3::NEG_Y,
+        UpAxis::MinusZ => DVec3::NEG_Z,
+    }
+}
+
+/// An endless GIF.
+fn turntable(frames: Vec<RgbImage>) -> Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    let mut encoder = GifEncoder::new_with_speed(&mut bytes, 10);
+    encoder.set_repeat(Repeat::Infinite)?;
+    for frame in frames {
+        let rgba = image::DynamicImage::ImageRgb8(frame).into_rgba8();
+        encoder.encode_frame(Frame::from_parts(rgba, 0, 0, Delay::from_numer_denom_ms(1000, FRAMES_A_SECOND)))?;
+    }
+    drop(encoder);
+    Ok(bytes)
+}

@@ -1,0 +1,139 @@
+//! Mesh files: which format a path means, and what every reader checks before it hands a mesh out.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use super::{Material, Mesh, TexturedMesh, glb, gltf, obj, off, ply};
+use crate::error::{Error, Result};
+use crate::files::write_bytes_atomically;
+
+/// Reads a mesh: Wavefront OBJ with its MTL and textures, PLY, OFF, glTF or GLB, by the path's extension.
+///
+/// Polygons are cut into triangles. Positions are single precision: at a million units from the origin they are exact
+/// to about a sixteenth of a unit, so models in geographic coordinates should be moved to the origin before. What could
+/// not be read but does not matter for the shape (a missing texture, say) is left out; [`read_mesh_with_warnings`] tells.
+///
+/// # Errors
+/// When the file cannot be read, its format is not known or not kept, a face names a vertex that is not there, or a
+/// vertex is not finite.
+pub fn read_mesh(path: impl AsRef<Path>) -> Result<TexturedMesh> {
+    read_mesh_with_warnings(path, &mut Vec::new())
+}
+
+/// [`read_mesh`], which also says in plain words what had to be left out.
+///
+/// # Errors
+/// As [`read_mesh`].
+pub fn read_mesh_with_warnings(path: impl AsRef<Path>, warnings: &mut Vec<String>) -> Result<TexturedMesh> {
+    let path = path.as_ref();
+    let read = match extension(path).as_str() {
+        "obj" => obj::read,
+        "ply" => ply::read,
+        "off" | "coff" | "noff" => off::read,
+        "glb" | "gltf" => gltf::read,
+        other => return Err(unknown_format(path, other, "OBJ, PLY, OFF, GLB or glTF")),
+    };
+    let bytes = std::fs::read(path).map_err(|e| Error::io(path, e))?;
+    let mesh = read(path, &bytes, warnings)?;
+    check(path, &mesh.mesh)?;
+    Ok(mesh)
+}
+
+/// Writes a mesh with its normals and colours as OBJ, PLY (binary) or GLB, by the path's extension.
+///
+/// Colours are stored per vertex: OBJ as `v x y z r g b`, PLY as bytes, GLB as `COLOR_0`, which glTF wants linear. The file
+/// appears whole or not at all.
+///
+/// # Errors
+/// When the extension is none of these, or the file cannot be written.
+pub fn write_mesh(path: impl AsRef<Path>, mesh: &Mesh) -> Result<()> {
+    let path = path.as_ref();
+    let bytes = match extension(path).as_str() {
+        "obj" => obj::encode(mesh),
+        "ply" => ply::encode(mesh),
+        "glb" => glb::encode(mesh),
+        other => return Err(unknown_format(path, other, "OBJ, PLY or GLB")),
+    };
+    write_bytes_atomically(path, &bytes)
+}
+
+fn extension(path: &Path) -> String {
+    path.extension().unwrap_or_default().to_string_lossy().to_lowercase()
+}
+
+fn unknown_format(path: &Path, extension: &str, known: &str) -> Error {
+    Error::format(path, format!("`{extension}` is not a mesh format that is known here"), format!("Use {known}."))
+}
+
+/// What no reader may hand out: it would be an index out of bounds or a NaN somewhere else.
+fn check(path: &Path, mesh: &Mesh) -> Result<()> {
+    let count = mesh.vertices.len();
+    if let Some((face, index)) =
+        mesh.faces.iter().enumerate().find_map(|(f, face)| Some((f, *face.iter().find(|i| **i as usize >= count)?)))
+    {
+        let problem = format!("face {face} names vertex {index}, but there are only {count} (counted from 0)");
+        return Err(Error::format(path, problem, "Export the mesh again."));
+    }
+    if let Some(vertex) = mesh.vertices.iter().position(|v| !v.is_finite()) {
+        let problem = format!("vertex {vertex} (counted from 0) is {}", mesh.vertices[vertex]);
+        return Err(Error::format(path, problem, "Remove vertices with NaN or infinite coordinates."));
+    }
+    Ok(())
+}
+
+/// The material of meshes that bring their colours in the vertices: white, so that it leaves them as they are.
+pub(super) fn white() -> Material {
+    Material { base_color: [1.0; 3], texture: None }
+}
+
+/// The file that `name`, found in a file of `folder`, most likely means.
+///
+/// Models travel between machines: backslashes are taken as slashes; where the path leads nowhere, the bare file name
+/// is looked for beside the model, then without regard to case.
+pub(super) fn find_reference(folder: &Path, name: &str) -> Option<PathBuf> {
+    let name = name.trim().trim_matches('"').replace('\\', "/");
+    let bare = name.rsplit('/').next().unwrap_or_default().to_owned();
+    if bare.is_empty() {
+        return None;
+    }
+    let mut candidates = [folder.join(&name), folder.join(&bare)].into_iter();
+    candidates.find(|path| path.is_file()).or_else(|| {
+        let entries = std::fs::read_dir(if folder.as_os_str().is_empty() { Path::new(".") } else { folder }).ok()?;
+        let mut names: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).collect();
+        names.sort();
+        names.into_iter().find(|path| {
+            path.is_file()
+                && path.file_name().is_some_and(|n| n.to_string_lossy().to_lowercase() == bare.to_lowercase())
+        })
+    })
+}
+
+/// Decodes a texture, or says why there is none.
+pub(super) fn decode_texture(name: &str, bytes: &[u8], warnings: &mut Vec<String>) -> Option<Arc<image::RgbaImage>> {
+    match image::load_from_memory(bytes) {
+        Ok(texture) if texture.width() > 0 && texture.height() > 0 => Some(Arc::new(texture.to_rgba8())),
+        Ok(_) => {
+            warnings.push(format!("texture {name} is empty: the base colour is used instead"));
+            None
+        }
+        Err(problem) => {
+            warnings.push(format!("texture {name} cannot be decoded ({problem}): the base colour is used instead"));
+            None
+        }
+    }
+}
+
+/// Reads the texture that a material of `folder` names, or says why there is none.
+pub(super) fn read_texture(folder: &Path, name: &str, warnings: &mut Vec<String>) -> Option<Arc<image::RgbaImage>> {
+    let Some(path) = find_reference(folder, name) else {
+        warnings.push(format!("texture {name} is not there: the base colour is used instead"));
+        return None;
+    };
+    match std::fs::read(&path) {
+        Ok(bytes) => decode_texture(name, &bytes, warnings),
+        Err(problem) => {
+            warnings.push(format!("texture {name} cannot be read ({problem}): the base colour is used instead"));
+            None
+        }
+    }
+}

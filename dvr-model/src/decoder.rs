@@ -1,0 +1,246 @@
+//! The decoder of the original: a ResNet of fully connected blocks for occupancy and texture together.
+
+use burn::config::Config;
+use burn::module::Module;
+use burn::nn::{Initializer, Linear, LinearConfig};
+use burn::tensor::activation::{leaky_relu, relu, sigmoid};
+use burn::tensor::{Device, Tensor};
+use dvr_render::{Field, FieldJet, FieldValues, Query, axis_direction};
+
+use crate::encoding;
+
+/// Configuration of a [`Decoder`]. The defaults are the original's, but for the width.
+#[derive(Config, Debug, PartialEq)]
+pub struct DecoderConfig {
+    /// Length of the latent code `c` of an object; 0 for one scene without a code.
+    #[config(default = 0)]
+    pub code_dim: usize,
+    /// Width of the hidden layers. The original uses 512 for datasets of objects.
+    #[config(default = 128)]
+    pub hidden: usize,
+    /// Number of residual blocks.
+    #[config(default = 5)]
+    pub blocks: usize,
+    /// Whether the last activation is a leaky ReLU (slope 0.2) instead of a ReLU.
+    #[config(default = false)]
+    pub leaky: bool,
+    /// Octaves of sines and cosines given to the network beside the coordinates; 0, the original, gives it none.
+    #[config(default = 0)]
+    pub octaves: usize,
+}
+
+impl DecoderConfig {
+    /// Fresh parameters. The second layer of each block starts at zero, so that every block starts as the identity.
+    pub fn init(&self, device: &Device) -> Decoder {
+        let linear = |input, output| LinearConfig::new(input, output).init(device);
+        let blocks = (0..self.blocks).map(|_| ResnetBlock {
+            fc_0: linear(self.hidden, self.hidden),
+            fc_1: Linear {
+                weight: Initializer::Zeros.init([self.hidden, self.hidden], device),
+                ..linear(self.hidden, self.hidden)
+            },
+        });
+        let codes = if self.code_dim > 0 { self.blocks } else { 0 };
+        Decoder {
+            fc_p: linear(3 + 6 * self.octaves, self.hidden),
+            fc_c: (0..codes).map(|_| linear(self.code_dim, self.hidden)).collect(),
+            blocks: blocks.collect(),
+            fc_out: linear(self.hidden, 4),
+            leaky: self.leaky,
+            octaves: self.octaves,
+        }
+    }
+}
+
+/// Occupancy logit and colour from a point and a latent code (DVR, section 4.1 and its supplement, figure 1).
+///
+/// `net = fc_p(p)`; before each block `net += fc_c(c)`; a block is `x + fc_1(relu(fc_0(relu(x))))`;
+/// `out = fc_out(relu(net))`: channel 0 is the occupancy logit, the sigmoid of channels 1 to 3 is the colour.
+/// Parameter names are those of the original's checkpoints.
+#[derive(Module, Debug)]
+pub struct Decoder {
+    /// Points (and their encoding) to hidden, `[3 + 6 octaves, hidden]`.
+    pub fc_p: Linear,
+    /// Code to hidden, one a block, `[code_dim, hidden]`; empty without a code.
+    pub fc_c: Vec<Linear>,
+    /// The residual blocks.
+    pub blocks: Vec<ResnetBlock>,
+    /// Hidden to logit and raw colour, `[hidden, 4]`.
+    pub fc_out: Linear,
+    /// Whether the last activation is leaky.
+    pub leaky: bool,
+    /// Octaves of the encoding of points.
+    pub octaves: usize,
+}
+
+/// `x + fc_1(relu(fc_0(relu(x))))`.
+#[derive(Module, Debug)]
+pub struct ResnetBlock {
+    /// First layer, `[hidden, hidden]`.
+    pub fc_0: Linear,
+    /// Second layer, `[hidden, hidden]`; starts at zero.
+    pub fc_1: Linear,
+}
+
+/// Slope of the leaky ReLU for negative values, as in the original.
+const LEAK: f64 = 0.2;
+
+impl Decoder {
+    /// Raw outputs, `[n, 4]`: occupancy logit, then the colour before the sigmoid.
+    ///
+    /// `points` is `[n, 3]`; `code` holds one latent code a point, `[n, code_dim]`, or is `None`.
+    pub fn forward(&self, points: Tensor<2>, code: Option<Tensor<2>>) -> Tensor<2> {
+        let net = self.hidden(points, code);
+        self.fc_out.forward(if self.leaky { leaky_relu(net, LEAK) } else { relu(net) })
+    }
+
+    /// The last hidden layer before its activation, `[n, hidden]`.
+    fn hidden(&self, points: Tensor<2>, code: Option<Tensor<2>>) -> Tensor<2> {
+        let mut net = self.fc_p.forward(encoding::encode(points, self.octaves));
+        for (i, block) in self.blocks.iter().enumerate() {
+            if let (Some(fc_c), Some(code)) = (self.fc_c.get(i), &code) {
+                net = net + fc_c.forward(code.clone());
+            }
+            let inner = relu(block.fc_0.forward(relu(net.clone())));
+            net = net + block.fc_1.forward(inner);
+        }
+        net
+    }
+
+    /// Raw outputs `[n, 4]` and, for each of several directions `[n, 3]`, their derivative along it, `[n, 4]`.
+    ///
+    /// One forward-mode pass: the value is carried once, each tangent costs as much again. ReLUs pass a tangent where
+    /// their input is positive.
+    pub fn forward_mode(
+        &self,
+        points: Tensor<2>,
+        code: Option<Tensor<2>>,
+        directions: Vec<Tensor<2>>,
+    ) -> (Tensor<2>, Vec<Tensor<2>>) {
+        let mut tangents: Vec<_> = directions
+            .into_iter()
+            .map(|direction| {
+                let encoded = encoding::encode_tangent(points.clone(), direction, self.octaves);
+                encoded.matmul(self.fc_p.weight.val())
+            })
+            .collect();
+        let mut net = self.fc_p.forward(encoding::encode(points, self.octaves));
+        for (i, block) in self.blocks.iter().enumerate() {
+            if let (Some(fc_c), Some(code)) = (self.fc_c.get(i), &code) {
+                net = net + fc_c.forward(code.clone());
+            }
+            let off = net.clone().lower_equal_elem(0.0);
+            let inner = block.fc_0.forward(relu(net.clone()));
+            let inner_off = inner.clone().lower_equal_elem(0.0);
+            net = net + block.fc_1.forward(relu(inner));
+            for tangent in &mut tangents {
+                let through = tangent.clone().mask_fill(off.clone(), 0.0).matmul(block.fc_0.weight.val());
+                let through = through.mask_fill(inner_off.clone(), 0.0).matmul(block.fc_1.weight.val());
+                *tangent = tangent.clone() + through;
+            }
+        }
+        let off = net.clone().lower_equal_elem(0.0);
+        let slope_below = if self.leaky { LEAK } else { 0.0 };
+        let out_tangents = tangents.into_iter().map(|tangent| {
+            let below = tangent.clone() * slope_below;
+            tangent.mask_where(off.clone(), below).matmul(self.fc_out.weight.val())
+        });
+        let out_tangents = out_tangents.collect();
+        let out = self.fc_out.forward(if self.leaky { leaky_relu(net, LEAK) } else { relu(net) });
+        (out, out_tangents)
+    }
+}
+
+impl Decoder {
+    /// The field of objects with latent codes, `[objects, code_dim]`: a [`Query`]'s object index picks the row.
+    pub fn with_codes(&self, codes: Tensor<2>) -> Conditioned {
+        Conditioned { decoder: self.clone(), codes: Some(codes) }
+    }
+
+    /// The field of the one object that a decoder without codes holds.
+    fn unconditioned(&self) -> Conditioned {
+        Conditioned { decoder: self.clone(), codes: None }
+    }
+}
+
+/// A decoder bound to the latent codes of its objects.
+#[derive(Clone, Debug)]
+pub struct Conditioned {
+    decoder: Decoder,
+    codes: Option<Tensor<2>>,
+}
+
+impl Conditioned {
+    /// The code of each point, `[n, code_dim]`.
+    fn code_of(&self, query: &Query) -> Option<Tensor<2>> {
+        let codes = self.codes.clone()?;
+        Some(match &query.object {
+            Some(object) => codes.select(0, object.clone()),
+            None => codes.narrow(0, 0, 1).expand([query.len() as i64, -1]),
+        })
+    }
+}
+
+/// Raw outputs as a logit and a colour.
+fn as_values(out: Tensor<2>) -> FieldValues {
+    FieldValues {
+        occupancy_logit: out.clone().narrow(1, 0, 1).squeeze_dim(1),
+        color: sigmoid(out.narrow(1, 1, 3)),
+    }
+}
+
+impl Field for Conditioned {
+    fn evaluate(&self, query: &Query) -> FieldValues {
+        as_values(self.decoder.forward(query.points.clone(), self.code_of(query)))
+    }
+
+    fn occupancy_logit(&self, query: &Query) -> Tensor<1> {
+        self.decoder.forward(query.points.clone(), self.code_of(query)).narrow(1, 0, 1).squeeze_dim(1)
+    }
+
+    fn jet(&self, query: &Query, direction: Tensor<2>) -> FieldJet {
+        let (out, mut tangents) =
+            self.decoder.forward_mode(query.points.clone(), self.code_of(query), vec![direction]);
+        let value = as_values(out);
+        let tangent = tangents.remove(0);
+        // d sigmoid(x) = sigmoid(x) (1 - sigmoid(x)) dx
+        let slope = value.color.clone() * (value.color.clone().neg() + 1.0);
+        let derivative = FieldValues {
+            occupancy_logit: tangent.clone().narrow(1, 0, 1).squeeze_dim(1),
+            color: tangent.narrow(1, 1, 3) * slope,
+        };
+        FieldJet { value, derivative }
+    }
+
+    fn occupancy_gradient(&self, query: &Query) -> Tensor<2> {
+        let axes = (0..3).map(|axis| axis_direction(query, axis)).collect();
+        let (_, tangents) = self.decoder.forward_mode(query.points.clone(), self.code_of(query), axes);
+        Tensor::cat(tangents.into_iter().map(|t| t.narrow(1, 0, 1)).collect(), 1)
+    }
+
+    fn device(&self) -> Device {
+        self.decoder.fc_p.weight.val().device()
+    }
+}
+
+impl Field for Decoder {
+    fn evaluate(&self, query: &Query) -> FieldValues {
+        self.unconditioned().evaluate(query)
+    }
+
+    fn occupancy_logit(&self, query: &Query) -> Tensor<1> {
+        self.unconditioned().occupancy_logit(query)
+    }
+
+    fn jet(&self, query: &Query, direction: Tensor<2>) -> FieldJet {
+        self.unconditioned().jet(query, direction)
+    }
+
+    fn occupancy_gradient(&self, query: &Query) -> Tensor<2> {
+        self.unconditioned().occupancy_gradient(query)
+    }
+
+    fn device(&self) -> Device {
+        self.unconditioned().device()
+    }
+}

@@ -1,0 +1,92 @@
+//! What extraction asks of a field, and the counting and checking of the answers.
+
+use glam::Vec3;
+
+use super::error::{ExtractError, Result};
+
+/// An implicit function, known by evaluation at batches of points only.
+///
+/// Any closure from points to logits is one. Batches are at most [`ExtractSettings::max_points`] long and come one after
+/// the other: spread the work over threads or a GPU inside the implementation.
+///
+/// [`ExtractSettings::max_points`]: super::ExtractSettings::max_points
+pub trait ScalarField {
+    /// The occupancy logit at each point, positive inside.
+    fn logits(&self, points: &[Vec3]) -> Vec<f32>;
+
+    /// The gradient of the logit at each point, or `None` if only [`ScalarField::logits`] can be had; normals then come
+    /// from central differences, six evaluations a vertex.
+    fn gradients(&self, points: &[Vec3]) -> Option<Vec<Vec3>> {
+        let _ = points;
+        None
+    }
+
+    /// The sRGB colour in `[0, 1]` at each point of the surface, or `None` if the field has no colour.
+    ///
+    /// `normals` are the outward unit normals at the points, for fields whose colour depends on them.
+    fn colors(&self, points: &[Vec3], normals: &[Vec3]) -> Option<Vec<[f32; 3]>> {
+        let _ = (points, normals);
+        None
+    }
+}
+
+impl<F: Fn(&[Vec3]) -> Vec<f32>> ScalarField for F {
+    fn logits(&self, points: &[Vec3]) -> Vec<f32> {
+        self(points)
+    }
+}
+
+/// Evaluates a field in batches, checks the answers, and keeps count.
+pub(super) struct Sampler<'a, F: ?Sized> {
+    pub field: &'a F,
+    /// The logit at the surface.
+    pub level: f32,
+    /// The most points in a batch.
+    pub max_points: usize,
+    /// Points evaluated so far.
+    pub evaluations: usize,
+    /// Smallest and largest logit seen so far.
+    pub range: (f32, f32),
+}
+
+impl<'a, F: ScalarField + ?Sized> Sampler<'a, F> {
+    /// A sampler that has seen nothing.
+    pub fn new(field: &'a F, level: f32, max_points: usize) -> Self {
+        Self { field, level, max_points, evaluations: 0, range: (f32::INFINITY, f32::NEG_INFINITY) }
+    }
+
+    /// Logits relative to the level, finite.
+    pub fn values(&mut self, points: &[Vec3]) -> Result<Vec<f32>> {
+        let mut values = Vec::with_capacity(points.len());
+        for batch in points.chunks(self.max_points) {
+            let logits = self.field.logits(batch);
+            check("logits", batch, &logits, |logit| !logit.is_nan())?;
+            for logit in logits {
+                self.range = (self.range.0.min(logit), self.range.1.max(logit));
+                // A saturated field may answer +-infinity, between which nothing can be interpolated.
+                values.push((logit - self.level).clamp(f32::MIN, f32::MAX));
+            }
+        }
+        self.evaluations += points.len();
+        Ok(values)
+    }
+
+    /// Whether points on both sides of the surface have been seen.
+    pub fn has_seen_both_sides(&self) -> bool {
+        self.range.0 - self.level < 0.0 && self.range.1 - self.level >= 0.0
+    }
+}
+
+/// Checks that a batch's answers are as many as the points, and sound.
+pub(super) fn check<T>(what: &'static str, points: &[Vec3], answers: &[T], sound: impl Fn(&T) -> bool) -> Result<()> {
+    if answers.len() != points.len() {
+        return Err(ExtractError::AnswerLength { what, points: points.len(), answers: answers.len() });
+    }
+    let mut unsound = points.iter().zip(answers).filter(|(_, answer)| !sound(answer));
+    match unsound.next() {
+        None => Ok(()),
+        Some((&first, _)) => {
+            Err(ExtractError::NotANumber { what, count: 1 + unsound.count(), points: points.len(), first })
+        }
+    }
+}

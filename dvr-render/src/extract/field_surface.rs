@@ -1,0 +1,57 @@
+//! A burn field as extraction wants it: batches of points in, numbers out, all cores used.
+
+use burn::tensor::{Tensor, TensorData};
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::ScalarField;
+use crate::field::{Field, Query};
+
+/// Points evaluated at once by a thread: small enough for the activations to stay in cache.
+const CHUNK: usize = 4096;
+
+/// A [`Field`] without gradient tracking, seen as a [`ScalarField`].
+#[derive(Clone, Copy, Debug)]
+pub struct FieldSurface<'a, F> {
+    field: &'a F,
+}
+
+impl<'a, F: Field + Sync> FieldSurface<'a, F> {
+    /// Wraps a field, which must not track gradients (`Module::valid`).
+    pub fn new(field: &'a F) -> Self {
+        Self { field }
+    }
+
+    /// Evaluates chunks in parallel; the results stand in the order of the points, whatever the threads do.
+    fn in_parallel<T: Send>(&self, points: &[Vec3], evaluate: impl Fn(&Query) -> Vec<T> + Sync) -> Vec<T> {
+        points
+            .par_chunks(CHUNK)
+            .flat_map_iter(|chunk| {
+                let flat: Vec<f32> = chunk.iter().flat_map(|p| p.to_array()).collect();
+                let tensor = Tensor::from_data(TensorData::new(flat, [chunk.len(), 3]), &self.field.device());
+                evaluate(&Query::new(tensor))
+            })
+            .collect()
+    }
+}
+
+/// Rows of an `[n, 3]` tensor.
+fn triples(tensor: Tensor<2>) -> Vec<[f32; 3]> {
+    let flat: Vec<f32> = tensor.into_data().iter::<f32>().collect();
+    flat.as_chunks().0.to_vec()
+}
+
+impl<F: Field + Sync> ScalarField for FieldSurface<'_, F> {
+    fn logits(&self, points: &[Vec3]) -> Vec<f32> {
+        self.in_parallel(points, |query| self.field.occupancy_logit(query).into_data().iter::<f32>().collect())
+    }
+
+    fn gradients(&self, points: &[Vec3]) -> Option<Vec<Vec3>> {
+        let rows = |query: &Query| triples(self.field.occupancy_gradient(query)).into_iter().map(Vec3::from).collect();
+        Some(self.in_parallel(points, rows))
+    }
+
+    fn colors(&self, points: &[Vec3], _normals: &[Vec3]) -> Option<Vec<[f32; 3]>> {
+        Some(self.in_parallel(points, |query| triples(self.field.evaluate(query).color)))
+    }
+}

@@ -1,0 +1,202 @@
+//! Gradient-free ray marching: where does each ray first cross the surface? (DVR, section 3.2.)
+
+use burn::tensor::{Bool, Int, Tensor};
+use serde::{Deserialize, Serialize};
+
+use crate::field::{Field, Query};
+use crate::rays::Rays;
+use crate::root::{Bracket, RootMethod};
+
+/// How finely rays are searched.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct MarchSettings {
+    /// Samples on a ray, both ends of its interval included; at least 2.
+    ///
+    /// A sheet thinner than `interval / (steps - 1)` along the ray may be stepped over.
+    pub steps: usize,
+    /// How the crossing between two samples is located.
+    pub root: RootMethod,
+    /// Evaluations a ray that the root search spends.
+    pub root_steps: usize,
+    /// Points evaluated at once. Bounds the memory; on a CPU, small enough for the activations to stay in cache.
+    pub max_points: usize,
+}
+
+impl Default for MarchSettings {
+    fn default() -> Self {
+        Self { steps: 128, root: RootMethod::default(), root_steps: 8, max_points: 8192 }
+    }
+}
+
+/// Answers one question about a fixed field, without gradients: where does this ray first cross from outside to inside?
+pub trait Marcher {
+    /// Marches a batch of rays.
+    ///
+    /// `jitter`, `[n]` in `[0, 1)`, shifts the samples of each ray by that share of their distance (and then leaves the
+    /// interval's ends out): training sees other samples in every step, thin parts are not missed for ever.
+    fn march(&self, rays: &Rays, jitter: Option<Tensor<1>>) -> March;
+}
+
+/// What marching found.
+#[derive(Clone, Debug)]
+pub struct March {
+    /// The rays that hit, `None` where no ray does.
+    pub hits: Option<Hits>,
+    /// Whether a ray hit, `[n]`.
+    pub hit: Tensor<1, Bool>,
+    /// Whether a ray starts inside the object, `[n]`. Such a ray hits nothing: it sees no surface from outside.
+    pub starts_inside: Tensor<1, Bool>,
+    /// Depth of the sample with the largest logit, `[n]`: where a ray that misses came closest to the object.
+    pub densest_depth: Tensor<1>,
+}
+
+/// The rays of a batch that hit, and where.
+#[derive(Clone, Debug)]
+pub struct Hits {
+    /// Their indices in the batch, ascending, `[h]`.
+    pub index: Tensor<1, Int>,
+    /// The rays themselves, `h` of them.
+    pub rays: Rays,
+    /// Ray depth of the crossing, `[h]`.
+    pub depth: Tensor<1>,
+}
+
+impl Hits {
+    /// How many rays hit.
+    pub fn len(&self) -> usize {
+        self.depth.dims()[0]
+    }
+
+    /// Always false: a march without hits has no [`Hits`].
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The crossings, `[h, 3]`.
+    pub fn points(&self) -> Tensor<2> {
+        self.rays.at(self.depth.clone())
+    }
+
+    /// The crossings as a query.
+    pub fn query(&self) -> Query {
+        Query { points: self.points(), object: self.rays.object.clone() }
+    }
+}
+
+/// The plain marcher: every sample of every ray goes through the field. Slow, exact, the oracle of all others.
+#[derive(Clone, Debug)]
+pub struct TensorMarcher<F> {
+    field: F,
+    settings: MarchSettings,
+}
+
+impl<F: Field> TensorMarcher<F> {
+    /// Marches through `field`, which must not track gradients (`Module::valid`).
+    pub fn new(field: F, settings: MarchSettings) -> Self {
+        let settings = MarchSettings { steps: settings.steps.max(2), max_points: settings.max_points.max(1), ..settings };
+        Self { field, settings }
+    }
+
+    /// Logits at one depth a ray, in chunks.
+    fn logits_at(&self, rays: &Rays, depth: Tensor<1>) -> Tensor<1> {
+        let query = Query { points: rays.at(depth), object: rays.object.clone() };
+        in_chunks(query.len(), self.settings.max_points, |start, length| {
+            self.field.occupancy_logit(&query.narrow(start, length))
+        })
+    }
+
+    /// Samples a few rays and finds the first sample inside.
+    fn sample(&self, rays: &Rays, jitter: Option<Tensor<1>>) -> Samples {
+        let (n, steps) = (rays.len(), self.settings.steps);
+        let device = rays.entry.device();
+        let index = Tensor::<1, Int>::arange(0..steps as i64, &device).float().unsqueeze_dim::<2>(0); // [1, steps]
+        let share = match jitter {
+            None => (index.clone() / (steps - 1) as f64).expand([n, steps]),
+            Some(jitter) => (index.clone() + jitter.unsqueeze_dim(1)) / steps as f64,
+        };
+        let length = (rays.exit.clone() - rays.entry.clone()).unsqueeze_dim::<2>(1);
+        let depth = rays.entry.clone().unsqueeze_dim::<2>(1) + length * share; // [n, steps]
+        let points = rays.origin.clone().unsqueeze_dim::<3>(1)
+            + rays.direction.clone().unsqueeze_dim::<3>(1) * depth.clone().unsqueeze_dim::<3>(2);
+        let object = rays.object.clone().map(|o| o.unsqueeze_dim::<2>(1).expand([n, steps]).reshape([n * steps]));
+        let query = Query { points: points.reshape([n * steps, 3]), object };
+        let logit = self.field.occupancy_logit(&query).reshape([n, steps]);
+
+        // A logit of exactly 0 is on the surface, hence inside; NaN is outside.
+        let inside = logit.clone().greater_equal_elem(0.0);
+        // `steps - first index inside`, or 0 where there is none: one reduction on any device.
+        let rank = (inside.float() * (index.neg() + steps as f64)).max_dim(1);
+        let in_cube = rays.exit.clone().greater_equal(rays.entry.clone());
+        let starts_inside = rank.clone().squeeze_dim::<1>(1).equal_elem(steps as f64).bool_and(in_cube.clone());
+        let hit = rank
+            .clone()
+            .squeeze_dim::<1>(1)
+            .greater_elem(0.0)
+            .bool_and(starts_inside.clone().bool_not())
+            .bool_and(in_cube);
+        let after = (rank.neg() + steps as f64).clamp(1.0, (steps - 1) as f64).int(); // [n, 1]
+        let before = after.clone() - 1;
+        let pick = |values: &Tensor<2>, at: &Tensor<2, Int>| values.clone().gather(1, at.clone()).squeeze_dim::<1>(1);
+        let bracket = Bracket {
+            outside: pick(&depth, &before),
+            inside: pick(&depth, &after),
+            outside_logit: pick(&logit, &before),
+            inside_logit: pick(&logit, &after),
+        };
+        let densest_depth = pick(&depth, &logit.argmax(1));
+        Samples { hit, starts_inside, densest_depth, bracket }
+    }
+}
+
+/// What sampling a chunk of rays tells, one entry a ray; the bracket is meaningless where `hit` is false.
+struct Samples {
+    hit: Tensor<1, Bool>,
+    starts_inside: Tensor<1, Bool>,
+    densest_depth: Tensor<1>,
+    bracket: Bracket,
+}
+
+impl<F: Field> Marcher for TensorMarcher<F> {
+    fn march(&self, rays: &Rays, jitter: Option<Tensor<1>>) -> March {
+        let rays_a_chunk = (self.settings.max_points / self.settings.steps).max(1);
+        let samples: Vec<_> = chunks(rays.len(), rays_a_chunk)
+            .map(|(start, length)| {
+                self.sample(&rays.narrow(start, length), jitter.clone().map(|j| j.narrow(0, start, length)))
+            })
+            .collect();
+        let gather = |part: fn(&Samples) -> Tensor<1>| Tensor::cat(samples.iter().map(part).collect(), 0);
+        let hit = Tensor::cat(samples.iter().map(|s| s.hit.clone()).collect(), 0);
+        let starts_inside = Tensor::cat(samples.iter().map(|s| s.starts_inside.clone()).collect(), 0);
+        let densest_depth = gather(|s| s.densest_depth.clone());
+
+        let index = hit.clone().argwhere().squeeze_dim::<1>(1);
+        let hits = (index.dims()[0] > 0).then(|| {
+            let hit_rays = rays.select(&index);
+            let pick = |part: fn(&Samples) -> Tensor<1>| gather(part).select(0, index.clone());
+            let bracket = Bracket {
+                outside: pick(|s| s.bracket.outside.clone()),
+                inside: pick(|s| s.bracket.inside.clone()),
+                outside_logit: pick(|s| s.bracket.outside_logit.clone()),
+                inside_logit: pick(|s| s.bracket.inside_logit.clone()),
+            };
+            let logit = |depth| self.logits_at(&hit_rays, depth);
+            let depth = self.settings.root.find(bracket, self.settings.root_steps, logit);
+            Hits { index, rays: hit_rays, depth }
+        });
+        March { hits, hit, starts_inside, densest_depth }
+    }
+}
+
+/// `(start, length)` of consecutive chunks of at most `size` that cover `0..n`.
+pub(crate) fn chunks(n: usize, size: usize) -> impl Iterator<Item = (usize, usize)> {
+    (0..n).step_by(size).map(move |start| (start, size.min(n - start)))
+}
+
+/// Evaluates `0..n` chunk by chunk and joins the results.
+fn in_chunks(n: usize, size: usize, evaluate: impl Fn(usize, usize) -> Tensor<1>) -> Tensor<1> {
+    if n <= size {
+        return evaluate(0, n);
+    }
+    Tensor::cat(chunks(n, size).map(|(start, length)| evaluate(start, length)).collect(), 0)
+}

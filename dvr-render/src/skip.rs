@@ -1,0 +1,159 @@
+//! Empty space that need not be marched: a coarse grid of cells that may hold surface.
+
+use burn::tensor::{Tensor, TensorData};
+use dvr_core::{Ray, UnitCube};
+use glam::DVec3;
+use rayon::prelude::*;
+
+use crate::field::{Field, Query};
+use crate::march::chunks;
+
+/// Cells of the padded cube, each marked if the object may be in it or beside it.
+///
+/// A cell is marked when one of its eight corners is inside, and so are its 26 neighbours. What is missed is therefore
+/// bounded: only a part of the object that contains no corner of the grid and is more than a cell away from any corner
+/// that is inside. Nothing thicker than a cell's diagonal can be.
+#[derive(Clone, Debug)]
+pub struct SkipGrid {
+    cube: UnitCube,
+    cells: usize,
+    marked: Vec<bool>,
+}
+
+impl SkipGrid {
+    /// Asks the field at the `(cells + 1)^3` corners, `max_points` at once.
+    pub fn build(field: &(impl Field + Sync), cube: UnitCube, cells: usize, max_points: usize) -> Self {
+        let nodes = cells + 1;
+        let half = cube.half_extent() as f32;
+        let step = 2.0 * half / cells as f32;
+        let coordinate = |i: usize| i as f32 * step - half;
+        let blocks: Vec<_> = chunks(nodes * nodes * nodes, max_points).collect();
+        let inside: Vec<bool> = blocks
+            .into_par_iter()
+            .flat_map_iter(|(start, length)| {
+                let points: Vec<f32> = (start..start + length)
+                    .flat_map(|i| [i / (nodes * nodes), i / nodes % nodes, i % nodes].map(coordinate))
+                    .collect();
+                let points = Tensor::from_data(TensorData::new(points, [length, 3]), &field.device());
+                let logit = field.occupancy_logit(&Query::new(points)).into_data();
+                logit.iter::<f32>().map(|logit| logit >= 0.0).collect::<Vec<_>>()
+            })
+            .collect();
+        let any_corner = |x: usize, y: usize, z: usize| {
+            let corner = |dx, dy, dz| inside[((x + dx) * nodes + y + dy) * nodes + z + dz];
+            (0..8).any(|c| corner(c >> 2, c >> 1 & 1, c & 1))
+        };
+        let own: Vec<bool> = (0..cells * cells * cells)
+            .into_par_iter()
+            .map(|i| any_corner(i / (cells * cells), i / cells % cells, i % cells))
+            .collect();
+        Self { cube, cells, marked: dilated(&own, cells) }
+    }
+
+    /// Ray depths between which the ray may meet the object, within the cube; `None` where it cannot.
+    pub fn interval(&self, ray: &Ray) -> Option<(f64, f64)> {
+        let (entry, exit) = self.cube.intersect(ray)?;
+        let mut found: Option<(f64, f64)> = None;
+        let size = 2.0 * self.cube.half_extent() / self.cells as f64;
+        let last = self.cells as i64 - 1;
+        let start = (ray.at(entry) + DVec3::splat(self.cube.half_extent())) / size;
+        let mut cell = [0usize, 1, 2].map(|axis| (start[axis].floor() as i64).clamp(0, last));
+        // Amanatides and Woo (1987): depths at which the ray leaves the current cell through each axis.
+        let step = [0usize, 1, 2].map(|axis| if ray.direction[axis] < 0.0 { -1i64 } else { 1 });
+        let boundary = |cell: i64, axis: usize| {
+            let plane = (cell + i64::from(step[axis] > 0)) as f64 * size - self.cube.half_extent();
+            match ray.direction[axis] {
+                0.0 => f64::INFINITY,
+                direction => (plane - ray.origin[axis]) / direction,
+            }
+        };
+        let mut next = [0usize, 1, 2].map(|axis| boundary(cell[axis], axis));
+        let mut depth = entry;
+        loop {
+            let axis = (0..3).min_by(|&a, &b| next[a].total_cmp(&next[b])).unwrap_or(0);
+            let leave = next[axis].min(exit);
+            let index = (cell[0] as usize * self.cells + cell[1] as usize) * self.cells + cell[2] as usize;
+            if self.marked[index] {
+                found = Some((found.map_or(depth, |(first, _)| first), leave));
+            }
+            depth = leave;
+            cell[axis] += step[axis];
+            if next[axis] >= exit || cell[axis] < 0 || cell[axis] > last {
+                return found;
+            }
+            next[axis] = boundary(cell[axis], axis);
+        }
+    }
+
+    /// Share of the cells that are marked.
+    pub fn filled(&self) -> f64 {
+        self.marked.iter().filter(|&&m| m).count() as f64 / self.marked.len().max(1) as f64
+    }
+}
+
+/// Marks the 26 neighbours of each marked cell, one axis after the other.
+fn dilated(cells: &[bool], n: usize) -> Vec<bool> {
+    let mut current = cells.to_vec();
+    for stride in [1, n, n * n] {
+        let before = current.clone();
+        current.par_iter_mut().enumerate().for_each(|(i, cell)| {
+            let at = i / stride % n;
+            *cell |= (at > 0 && before[i - stride]) || (at + 1 < n && before[i + stride]);
+        });
+    }
+    current
+}
+
+#[cfg(test)]
+mod tests {
+    use burn::tensor::Device;
+
+    use super::*;
+    use crate::field::FieldValues;
+
+    /// A ball of radius 0.2 around (0.1, 0, 0).
+    struct Ball;
+
+    impl Field for Ball {
+        fn evaluate(&self, query: &Query) -> FieldValues {
+            let center = Tensor::<1>::from_floats([0.1, 0.0, 0.0], &self.device()).unsqueeze_dim::<2>(0);
+            let distance = (query.points.clone() - center).square().sum_dim(1).sqrt().squeeze_dim::<1>(1);
+            FieldValues { occupancy_logit: distance.neg() + 0.2, color: query.points.clone() }
+        }
+
+        fn device(&self) -> Device {
+            Device::flex()
+        }
+    }
+
+    fn grid() -> SkipGrid {
+        SkipGrid::build(&Ball, UnitCube::default(), 22, 1000)
+    }
+
+    #[test]
+    fn the_interval_of_a_ray_that_hits_holds_the_ball_and_little_more() {
+        for direction in [DVec3::X, DVec3::NEG_Y, DVec3::new(0.3, -0.5, 0.7), DVec3::new(1.0, 1.0, 1.0)] {
+            let center = DVec3::new(0.1, 0.0, 0.0);
+            let ray = Ray { origin: center - 2.0 * direction, direction };
+            let (entry, exit) = grid().interval(&ray).unwrap();
+            let radius = 0.2 / direction.length();
+            let slack = 3.0 * 0.05 * 3f64.sqrt() / direction.length();
+            assert!(entry <= 2.0 - radius && entry > 2.0 - radius - slack, "{direction}: {entry}");
+            assert!(exit >= 2.0 + radius && exit < 2.0 + radius + slack, "{direction}: {exit}");
+        }
+    }
+
+    #[test]
+    fn a_ray_far_from_the_ball_has_no_interval() {
+        let ray = Ray { origin: DVec3::new(-0.45, -2.0, 0.0), direction: DVec3::Y };
+        assert_eq!(grid().interval(&ray), None);
+        let away = Ray { origin: DVec3::new(0.0, -2.0, 0.0), direction: DVec3::NEG_Y };
+        assert_eq!(grid().interval(&away), None);
+    }
+
+    #[test]
+    fn a_ray_that_starts_in_the_ball_has_an_interval_from_its_origin() {
+        let ray = Ray { origin: DVec3::new(0.1, 0.0, 0.0), direction: DVec3::Z };
+        assert_eq!(grid().interval(&ray).map(|(entry, _)| entry), Some(0.0));
+    }
+}

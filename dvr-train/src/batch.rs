@@ -1,0 +1,118 @@
+//! Pixel batches: which pixels of which views a step looks at, and what they show.
+
+use burn::tensor::{Device, Tensor, TensorData};
+use dvr_core::{Ray, UnitCube, View};
+use dvr_render::Rays;
+use rand::Rng;
+
+/// The pixels of one step. Patches stand one after the other, each row by row.
+#[derive(Clone, Debug)]
+pub struct PixelBatch {
+    /// Rays through the pixel centres, with directions of unit camera z: ray depth is z-depth.
+    pub rays: Rays,
+    /// Colours of the pixels, `[n, 3]`, sRGB in `[0, 1]`.
+    pub color: Tensor<2>,
+    /// Whether each pixel shows the object.
+    pub object: Vec<bool>,
+    /// Measured z-depth of each pixel, object units; not finite where nothing was measured.
+    pub z_depth: Vec<f32>,
+    /// Whether each ray passes through the cube at all; those that do not are left out of all losses.
+    pub in_cube: Vec<bool>,
+    /// Pixels a patch.
+    pub patch_pixels: usize,
+}
+
+/// Which pixels of a view; `(u, v)` is the top left one of a patch.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Patch {
+    view: usize,
+    u: u32,
+    v: u32,
+}
+
+/// How pixels are drawn.
+#[derive(Clone, Copy, Debug)]
+pub struct PixelSampling {
+    /// Rays a batch; rounded down to whole patches.
+    pub rays: usize,
+    /// Edge of a patch in pixels.
+    pub patch_size: usize,
+    /// Share of the patches that start at an object pixel.
+    pub object_share: f64,
+}
+
+/// Tries to find an object pixel before a patch is taken anywhere: views may show the object in few pixels or none.
+const OBJECT_TRIES: usize = 256;
+
+impl PixelBatch {
+    /// Draws patches from views, every view equally often.
+    pub fn draw(views: &[&View], sampling: PixelSampling, rng: &mut impl Rng, device: &Device) -> Self {
+        let pixels = sampling.patch_size * sampling.patch_size;
+        let patches: Vec<_> = (0..(sampling.rays / pixels).max(1))
+            .map(|_| {
+                let on_object = rng.random_bool(sampling.object_share);
+                draw_patch(views, sampling.patch_size as u32, on_object, rng)
+            })
+            .collect();
+        Self::of_patches(views, &patches, sampling.patch_size as u32, device)
+    }
+
+    /// Every `stride`-th pixel of a list of `(view, u, v)`, without patch structure.
+    pub fn of_pixels(views: &[&View], pixels: &[(usize, u32, u32)], device: &Device) -> Self {
+        let patches: Vec<_> = pixels.iter().map(|&(view, u, v)| Patch { view, u, v }).collect();
+        Self::of_patches(views, &patches, 1, device)
+    }
+
+    fn of_patches(views: &[&View], patches: &[Patch], size: u32, device: &Device) -> Self {
+        let n = patches.len() * (size * size) as usize;
+        let mut rays: Vec<Ray> = Vec::with_capacity(n);
+        let mut color = Vec::with_capacity(3 * n);
+        let (mut object, mut z_depth) = (Vec::with_capacity(n), Vec::with_capacity(n));
+        for patch in patches {
+            let view = views[patch.view];
+            for (dv, du) in (0..size).flat_map(|dv| (0..size).map(move |du| (dv, du))) {
+                let (u, v) = (patch.u + du, patch.v + dv);
+                rays.push(view.camera.pixel_ray(u, v));
+                color.extend(view.image.get_pixel(u, v).0.map(|c| f32::from(c) / 255.0));
+                object.push(view.mask.is_object(u, v));
+                z_depth.push(view.depth.as_ref().map_or(f32::INFINITY, |depth| depth.get(u, v)));
+            }
+        }
+        let cube = UnitCube::default();
+        let in_cube = rays.iter().map(|ray| cube.intersect(ray).is_some()).collect();
+        Self {
+            rays: Rays::new(&rays, cube, device),
+            color: Tensor::from_data(TensorData::new(color, [n, 3]), device),
+            object,
+            z_depth,
+            in_cube,
+            patch_pixels: (size * size) as usize,
+        }
+    }
+
+    /// How many pixels there are.
+    pub fn len(&self) -> usize {
+        self.object.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.object.is_empty()
+    }
+}
+
+/// A patch that lies wholly in its image; starting at an object pixel where that is asked for and found.
+fn draw_patch(views: &[&View], size: u32, on_object: bool, rng: &mut impl Rng) -> Patch {
+    let mut patch = Patch { view: 0, u: 0, v: 0 };
+    for _ in 0..if on_object { OBJECT_TRIES } else { 1 } {
+        let view = rng.random_range(0..views.len());
+        let (width, height) = views[view].image.dimensions();
+        let u = rng.random_range(0..width.saturating_sub(size - 1).max(1));
+        let v = rng.random_range(0..height.saturating_sub(size - 1).max(1));
+        patch = Patch { view, u, v };
+        if on_object && views[view].mask.is_object(u, v) {
+            break;
+        }
+    }
+    patch
+}

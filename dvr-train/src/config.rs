@@ -1,0 +1,367 @@
+//! Everything that determines a training run, in one serialisable place.
+
+use dvr_model::DecoderConfig;
+use dvr_render::{RootMethod, SlopeRule};
+use serde::{Deserialize, Serialize};
+
+use crate::error::{Error, Result};
+
+/// Which measurements teach the shape. Masks are used in every case.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Supervision {
+    /// Photographs and masks: colour is compared where the predicted surface is seen.
+    #[default]
+    Rgb,
+    /// Depth maps and masks; the texture is learned from the photographs without shaping the surface.
+    Depth,
+    /// Both.
+    RgbDepth,
+}
+
+impl std::fmt::Display for Supervision {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Rgb => "rgb",
+            Self::Depth => "depth",
+            Self::RgbDepth => "rgb+depth",
+        })
+    }
+}
+
+impl std::str::FromStr for Supervision {
+    type Err = String;
+
+    fn from_str(s: &str) -> std::result::Result<Self, String> {
+        match s {
+            "rgb" => Ok(Self::Rgb),
+            "depth" => Ok(Self::Depth),
+            "rgb+depth" | "rgb-depth" => Ok(Self::RgbDepth),
+            other => Err(format!("{other:?} is no supervision; choose rgb, depth or rgb+depth")),
+        }
+    }
+}
+
+/// Weights of the losses. A weight of 0 leaves the term out of the computation altogether.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LossWeights {
+    /// Colour of hits, L1. Its gradient shapes the surface.
+    pub color: f64,
+    /// Colour of hits, L1, with the surface held still: teaches the texture alone.
+    pub texture: f64,
+    /// Image gradient over neighbouring pixels of hits.
+    pub image_gradient: f64,
+    /// Depth of hits against depth maps.
+    pub depth: f64,
+    /// Whether the depth loss is the distance of points in object space rather than the difference in camera z.
+    pub depth_on_points: bool,
+    /// Depth at the projections of sparse points, where the dataset has them (COLMAP, `pcl.npz`).
+    pub sparse_depth: f64,
+    /// Free space along rays of background pixels.
+    pub free_space: f64,
+    /// Occupancy somewhere on rays of object pixels that hit nothing.
+    pub occupancy: f64,
+    /// Smoothness of the normals at hits.
+    pub normal: f64,
+    /// Edge of the box around a hit from which its neighbour is drawn, object units.
+    pub normal_distance: f64,
+    /// Most hits, evenly chosen, that the normal term looks at in a step: it costs eight evaluations a hit.
+    pub normal_points: usize,
+}
+
+/// Where on a ray of an object pixel that hits nothing occupancy is asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum OccupancyPoint {
+    /// At a random depth in the cube, as in the original.
+    Random,
+    /// Where the logit is largest already. Thin parts train much better: the demand does not wander.
+    Densest,
+}
+
+/// How the network starts.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct WarmStart {
+    /// Steps of plain occupancy fitting to the visual hull of the masks before rays are cast; 0 starts from noise.
+    pub steps: usize,
+    /// Points a step.
+    pub points: usize,
+    /// Voxels along an edge of the hull.
+    pub resolution: usize,
+}
+
+/// One entry of the sampling schedule.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MarchStage {
+    /// Share of the run, in percent, from which the entry holds.
+    pub from_percent: u32,
+    /// Samples on a ray.
+    pub samples: usize,
+}
+
+/// Everything that determines a run, besides the scene and the backend.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TrainConfig {
+    /// Which measurements teach the shape.
+    pub supervision: Supervision,
+    /// Seed of all random choices. Same seed, same backend: same numbers.
+    pub seed: u64,
+    /// Optimiser steps.
+    pub steps: usize,
+    /// The network.
+    pub model: DecoderConfig,
+    /// How the network starts.
+    pub warm_start: WarmStart,
+    /// Rays a step, over all training views.
+    pub rays: usize,
+    /// Edge of the square pixel patches that rays come in; 2 or more for the image gradient term.
+    pub patch_size: usize,
+    /// Share of the patches whose first pixel is drawn from the object's pixels; the others come from the whole image.
+    pub object_share: f64,
+    /// Samples on a ray, growing over the run.
+    pub march: Vec<MarchStage>,
+    /// Whether each step shifts the samples of each ray at random.
+    pub jitter: bool,
+    /// How a crossing between two samples is located.
+    pub root: RootMethod,
+    /// Evaluations a ray of the root search.
+    pub root_steps: usize,
+    /// How the depth gradient is kept finite at grazing rays.
+    pub slope: SlopeRule,
+    /// Where occupancy is asked for on a ray that should hit.
+    pub occupancy_point: OccupancyPoint,
+    /// Loss weights.
+    pub losses: LossWeights,
+    /// Adam's first step size.
+    pub learning_rate: f64,
+    /// Shares of the run, in percent, at which the step size is multiplied by `learning_rate_factor`.
+    pub milestones_percent: Vec<u32>,
+    /// See `milestones_percent`.
+    pub learning_rate_factor: f64,
+    /// One view in this many is held out for validation where the dataset has no validation split; 0 trains on all.
+    pub hold_out_every: usize,
+    /// Steps between validations on held-out views.
+    pub validate_every: usize,
+    /// Steps between checkpoints.
+    pub checkpoint_every: usize,
+}
+
+impl TrainConfig {
+    /// Defaults for a kind of supervision.
+    pub fn new(supervision: Supervision) -> Self {
+        let (color, texture, depth) = match supervision {
+            Supervision::Rgb => (1.0, 0.0, 0.0),
+            Supervision::Depth => (0.0, 1.0, 10.0),
+            Supervision::RgbDepth => (1.0, 0.0, 10.0),
+        };
+        Self {
+            supervision,
+            seed: 0,
+            steps: 1500,
+            model: DecoderConfig::new(),
+            warm_start: WarmStart { steps: 300, points: 4096, resolution: 64 },
+            rays: 1024,
+            patch_size: 2,
+            object_share: 0.5,
+            march: vec![
+                MarchStage { from_percent: 0, samples: 32 },
+                MarchStage { from_percent: 70, samples: 64 },
+            ],
+            jitter: true,
+            root: RootMethod::default(),
+            root_steps: 4,
+            slope: SlopeRule::default(),
+            occupancy_point: OccupancyPoint::Densest,
+            losses: LossWeights {
+                color,
+                texture,
+                image_gradient: color,
+                depth,
+                depth_on_points: true,
+                sparse_depth: 0.0,
+                free_space: 1.0,
+                occupancy: 1.0,
+                normal: 0.05,
+                normal_distance: 0.01,
+                normal_points: 256,
+            },
+            learning_rate: 1e-3,
+            milestones_percent: vec![60, 85],
+            learning_rate_factor: 0.3,
+            hold_out_every: 8,
+            validate_every: 250,
+            checkpoint_every: 250,
+        }
+    }
+
+    /// Samples on a ray at a step.
+    pub fn samples_at(&self, step: usize) -> usize {
+        let percent = self.percent(step);
+        let stage = self.march.iter().rev().find(|stage| f64::from(stage.from_percent) <= percent);
+        stage.or(self.march.first()).map_or(64, |stage| stage.samples)
+    }
+
+    /// Adam's step size at a step.
+    pub fn learning_rate_at(&self, step: usize) -> f64 {
+        let percent = self.percent(step);
+        let passed = self.milestones_percent.iter().filter(|m| f64::from(**m) <= percent).count();
+        self.learning_rate * self.learning_rate_factor.powi(passed as i32)
+    }
+
+    fn percent(&self, step: usize) -> f64 {
+        100.0 * step as f64 / self.steps.max(1) as f64
+    }
+
+    /// This configuration with some of its values replaced by those of a JSON object, nested like the configuration.
+    ///
+    /// # Errors
+    /// Names the first key that does not exist, or the value that has the wrong type or is out of range.
+    pub fn overridden(&self, overrides: &serde_json::Value) -> Result<Self> {
+        let fail = |e: serde_json::Error| Error::Config(e.to_string());
+        let mut value = serde_json::to_value(self).map_err(fail)?;
+        overlay(&mut value, overrides, "")?;
+        let config: Self = serde_json::from_value(value).map_err(fail)?;
+        config.check()?;
+        Ok(config)
+    }
+
+    /// Reads a complete configuration, as checkpoints carry it.
+    ///
+    /// # Errors
+    /// Names the first unknown or missing key, or the value that is out of range.
+    pub fn from_json(text: &str) -> Result<Self> {
+        let value: serde_json::Value = serde_json::from_str(text).map_err(|e| Error::Config(e.to_string()))?;
+        let config: Self = serde_json::from_value(value.clone()).map_err(|e| Error::Config(e.to_string()))?;
+        // Nested configurations of burn ignore what they do not know: lay the text over what was understood.
+        config.overridden(&value)
+    }
+
+    /// Checks that the values make sense together.
+    ///
+    /// # Errors
+    /// Names the key, the value and the range.
+    pub fn check(&self) -> Result<()> {
+        let fail = |key: &str, value: String, range: &str| {
+            Err(Error::Config(format!("`{key}` is {value}, it must be {range}")))
+        };
+        if self.rays < self.patch_size * self.patch_size {
+            return fail("rays", self.rays.to_string(), "at least one patch (patch_size squared)");
+        }
+        if self.patch_size == 0 || (self.losses.image_gradient > 0.0 && self.patch_size < 2) {
+            return fail("patch_size", self.patch_size.to_string(), "at least 1, and 2 with an image_gradient weight");
+        }
+        if !(0.0..=1.0).contains(&self.object_share) {
+            return fail("object_share", self.object_share.to_string(), "between 0 and 1");
+        }
+        if self.march.is_empty() || self.march.iter().any(|stage| stage.samples < 2) {
+            return fail("march", format!("{:?}", self.march), "a list with at least 2 samples in each entry");
+        }
+        if !(self.learning_rate > 0.0 && self.learning_rate.is_finite()) {
+            return fail("learning_rate", self.learning_rate.to_string(), "positive");
+        }
+        if self.model.hidden == 0 {
+            return fail("model.hidden", "0".into(), "at least 1");
+        }
+        if self.steps == 0 || self.validate_every == 0 || self.checkpoint_every == 0 {
+            return fail("steps, validate_every or checkpoint_every", "0".into(), "at least 1");
+        }
+        let weights = &self.losses;
+        let all = [
+            ("color", weights.color),
+            ("texture", weights.texture),
+            ("image_gradient", weights.image_gradient),
+            ("depth", weights.depth),
+            ("sparse_depth", weights.sparse_depth),
+            ("free_space", weights.free_space),
+            ("occupancy", weights.occupancy),
+            ("normal", weights.normal),
+        ];
+        for (name, weight) in all {
+            if !(weight >= 0.0 && weight.is_finite()) {
+                return fail(&format!("losses.{name}"), weight.to_string(), "zero or positive");
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Lays the values of `over` on `base`; objects are merged key by key, anything else is replaced.
+fn overlay(base: &mut serde_json::Value, over: &serde_json::Value, path: &str) -> Result<()> {
+    let (Some(fields), Some(over)) = (base.as_object_mut(), over.as_object()) else {
+        *base = over.clone();
+        return Ok(());
+    };
+    // A tagged enum (`slope`) is replaced whole: its fields depend on the tag.
+    if over.contains_key("kind") {
+        *base = serde_json::Value::Object(over.clone());
+        return Ok(());
+    }
+    for (key, value) in over {
+        let path = if path.is_empty() { key.clone() } else { format!("{path}.{key}") };
+        let names = fields.keys().cloned().collect::<Vec<_>>().join(", ");
+        match fields.get_mut(key) {
+            None => return Err(Error::Config(format!("unknown key `{path}`; there are: {names}"))),
+            Some(inner) => overlay(inner, value, &path)?,
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    #[test]
+    fn a_config_survives_a_round_trip() {
+        for supervision in [Supervision::Rgb, Supervision::Depth, Supervision::RgbDepth] {
+            let config = TrainConfig::new(supervision);
+            assert_eq!(TrainConfig::from_json(&serde_json::to_string(&config).unwrap()).unwrap(), config);
+        }
+    }
+
+    #[test]
+    fn an_override_changes_one_value_and_keeps_the_others() {
+        let config = TrainConfig::new(Supervision::Rgb);
+        let changed = config.overridden(&json!({"losses": {"normal": 0.2}, "model": {"hidden": 64}})).unwrap();
+        assert_eq!((changed.losses.normal, changed.model.hidden), (0.2, 64));
+        assert_eq!(changed.losses.color, config.losses.color);
+        let classic = config.overridden(&json!({"slope": {"kind": "classic", "epsilon": 1e-3}})).unwrap();
+        assert_eq!(classic.slope, SlopeRule::CLASSIC);
+    }
+
+    #[test]
+    fn unknown_keys_are_named_also_in_nested_objects() {
+        let config = TrainConfig::new(Supervision::Rgb);
+        for (json, key) in [(json!({"stesp": 3}), "`stesp`"), (json!({"model": {"width": 3}}), "`model.width`")] {
+            let message = config.overridden(&json).unwrap_err().to_string();
+            assert!(message.contains(key), "{message}");
+        }
+    }
+
+    #[test]
+    fn values_out_of_range_are_refused_with_their_key() {
+        let config = TrainConfig::new(Supervision::Rgb);
+        for json in [
+            json!({"losses": {"color": -1.0}}),
+            json!({"learning_rate": 0.0}),
+            json!({"patch_size": 1}),
+            json!({"march": []}),
+            json!({"rays": "many"}),
+        ] {
+            assert!(config.overridden(&json).is_err(), "{json}");
+        }
+    }
+
+    #[test]
+    fn schedules_hold_from_their_percentage_on() {
+        let config = TrainConfig { steps: 1000, ..TrainConfig::new(Supervision::Rgb) };
+        assert_eq!((config.samples_at(0), config.samples_at(699), config.samples_at(700)), (32, 32, 64));
+        assert!(config.learning_rate_at(600) < config.learning_rate_at(599));
+    }
+}

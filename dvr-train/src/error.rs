@@ -1,0 +1,38 @@
+//! Errors of training, run folders and evaluation.
+
+use std::path::PathBuf;
+
+/// Result of anything in this crate that can fail.
+pub type Result<T> = std::result::Result<T, Error>;
+
+/// What went wrong, with the remedy.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// A scene or a file could not be used.
+    #[error(transparent)]
+    Scene(#[from] dvr_core::Error),
+    /// A configuration value is unknown or out of range.
+    #[error("configuration: {0}")]
+    Config(String),
+    /// A run folder or checkpoint cannot be used.
+    #[error("{}: {problem}. {remedy}", path.display())]
+    Run {
+        /// The folder or file.
+        path: PathBuf,
+        /// What was found. No full stop at the end.
+        problem: String,
+        /// What to do, with its full stop.
+        remedy: String,
+    },
+    /// The loss is no longer a number.
+    #[error("the loss became {value} in step {step}. The last checkpoint is kept; resume with a smaller learning_rate.")]
+    Diverged {
+        /// The step.
+        step: usize,
+        /// The loss.
+        value: f64,
+    },
+    /// No mesh could be extracted.
+    #[error("{0}")]
+    NoMesh(String),
+}

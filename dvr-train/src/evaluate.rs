@@ -1,0 +1,82 @@
+//! The final figures: shape against the truth, pictures against views that were not trained on.
+
+use dvr_core::mesh::Mesh;
+use dvr_core::inside::points_inside;
+use dvr_core::metrics::intersection_over_union;
+use dvr_core::metrics::picture::{mask_iou, psnr, ssim};
+use dvr_core::metrics::shape::{F_SCORE_THRESHOLDS, SURFACE_SAMPLES, ShapeScore, cloud_floor, score_surface};
+use dvr_core::sampling::sample_surface;
+use dvr_core::{GroundTruth, PointCloud, View};
+use dvr_render::{Field, RenderSettings, SkipGrid, render_view};
+use serde::{Deserialize, Serialize};
+
+use crate::error::Result;
+use crate::preview::{to_rgb8, whitened};
+
+/// A shape against the truth. Lengths are in units of the object cube.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ShapeEvaluation {
+    /// Distances, normals and F-scores, where the true surface is known.
+    pub surface: Option<ShapeScore>,
+    /// What the true surface, sampled twice, scores: no reconstruction can be told to be better.
+    pub floor: Option<ShapeScore>,
+    /// Volume IoU on points of the cube, where the true occupancy is known.
+    pub volume_iou: Option<f64>,
+}
+
+/// Renders of one view against its photograph.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ViewEvaluation {
+    /// The view's name.
+    pub view: String,
+    /// PSNR in dB, both pictures on white.
+    pub psnr: f64,
+    /// Structural similarity, both pictures on white.
+    pub ssim: f64,
+    /// IoU of the silhouettes.
+    pub mask_iou: f64,
+}
+
+/// Scores a mesh in object space, which may be empty.
+///
+/// # Errors
+/// When the truth is broken (points that are not finite).
+pub fn evaluate_shape(mesh: &Mesh, truth: &GroundTruth, seed: u64) -> Result<ShapeEvaluation> {
+    let (mut surface, mut floor, mut volume_iou) = (None, None, None);
+    if let Some(cloud) = &truth.surface {
+        let predicted = PointCloud::from(sample_surface(mesh, SURFACE_SAMPLES, seed));
+        surface = Some(score_surface(&predicted, cloud, &F_SCORE_THRESHOLDS)?);
+        floor = Some(cloud_floor(cloud, SURFACE_SAMPLES, &F_SCORE_THRESHOLDS, seed)?);
+    }
+    if let Some(samples) = &truth.occupancy {
+        let predicted = points_inside(mesh, &samples.points);
+        volume_iou = Some(intersection_over_union(&predicted, &samples.inside)?);
+    }
+    Ok(ShapeEvaluation { surface, floor, volume_iou })
+}
+
+/// Renders views in full and compares; `progress` hears how many are done. `field` must not track gradients.
+///
+/// # Errors
+/// When a view's pictures differ in size.
+pub fn evaluate_views(
+    field: &(impl Field + Sync),
+    views: &[&View],
+    settings: &RenderSettings,
+    skip: Option<&SkipGrid>,
+    mut progress: impl FnMut(usize),
+) -> Result<Vec<ViewEvaluation>> {
+    let mut results = Vec::with_capacity(views.len());
+    for view in views {
+        let rendering = render_view(field, &view.camera, settings, skip);
+        let (predicted, truth) = (to_rgb8(&rendering.color), whitened(view));
+        results.push(ViewEvaluation {
+            view: view.name.clone(),
+            psnr: psnr(&predicted, &truth, None)?,
+            ssim: ssim(&predicted, &truth)?,
+            mask_iou: mask_iou(&rendering.mask, &view.mask)?,
+        });
+        progress(results.len());
+    }
+    Ok(results)
+}

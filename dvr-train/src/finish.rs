@@ -1,0 +1,161 @@
+//! What a run leaves for its user: mesh, preview sheet, figures.
+
+use burn::tensor::Device;
+use dvr_core::mesh::{Mesh, write_mesh};
+use dvr_core::{Ray, Scene, Split, UnitCube, View};
+use dvr_render::extract::{ExtractSettings, Extraction};
+use dvr_render::{Field, MarchSettings, RenderSettings, SkipGrid, shade_rays};
+use glam::Vec3;
+use serde::{Deserialize, Serialize};
+
+use crate::checkpoint::Checkpoint;
+use crate::error::{Error, Result};
+use crate::evaluate::{ShapeEvaluation, evaluate_shape};
+use crate::export::{object_mesh, world_mesh};
+use crate::preview::preview_sheet;
+use crate::run::{Observer, RunFolder, decoder_of};
+use crate::trainer::ViewSplit;
+use crate::validate::{Agreement, agreement};
+
+/// The figures of a finished run: `metrics.json`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RunMetrics {
+    /// Name of the scene.
+    pub scene: String,
+    /// What taught the shape.
+    pub supervision: String,
+    /// Seed.
+    pub seed: u64,
+    /// Optimiser steps of the checkpoint that the results were made from.
+    pub steps: usize,
+    /// Parameters of the network.
+    pub parameters: usize,
+    /// Wall seconds of training, warm start included, all sessions.
+    pub training_seconds: f64,
+    /// Vertices and faces of the mesh; `None` where there is no surface.
+    pub mesh: Option<[usize; 2]>,
+    /// The shape against the truth, where the scene has it.
+    pub shape: ShapeEvaluation,
+    /// Pictures against held-out views, on an even subset of their pixels.
+    pub held_out: Option<Agreement>,
+    /// What the user should know.
+    pub warnings: Vec<String>,
+}
+
+/// Cells along an edge of the grid that lets rendering skip empty space.
+pub const SKIP_CELLS: usize = 64;
+
+/// Pixels of held-out views that the final figures look at. (`dvr eval` looks at all.)
+const HELD_OUT_PIXELS: usize = 40_000;
+
+/// Rays that look for parts of the surface which the extraction's coarse grid may miss.
+const SEED_RAYS: usize = 2_000;
+
+/// Rows of the preview sheet, and the most pixels a picture is wide.
+const PREVIEW: (usize, u32) = (4, 256);
+
+/// Writes mesh (PLY and GLB, in the scene's coordinates), preview sheet and figures into the run's folder.
+///
+/// # Errors
+/// When a file cannot be written. A field without a surface is no error here: the figures say so, and
+/// [`RunMetrics::mesh`] is `None`.
+pub fn finish(
+    scene: &Scene,
+    checkpoint: &Checkpoint,
+    folder: &RunFolder,
+    extraction: &ExtractSettings,
+    device: &Device,
+    observer: &mut dyn Observer,
+) -> Result<RunMetrics> {
+    let field = decoder_of(checkpoint, device)?;
+    let config = &checkpoint.header.config;
+    let views = ViewSplit::new(scene, config.hold_out_every)?;
+    let mut warnings = scene.warnings.clone();
+
+    observer.phase("mesh, preview and figures", 4);
+    let skip = SkipGrid::build(&field, UnitCube::default(), SKIP_CELLS, 8192);
+    let mesh = match object_mesh(&field, extraction, &surface_points(&field, &views.train, SEED_RAYS)) {
+        Ok(extracted) => {
+            warnings.extend(extraction_warnings(&extracted));
+            let mesh = extracted.mesh;
+            let world = world_mesh(&mesh, &checkpoint.header.object_to_world);
+            write_mesh(folder.mesh_ply(), &world)?;
+            write_mesh(folder.mesh_glb(), &world)?;
+            Some(mesh)
+        }
+        Err(Error::NoMesh(reason)) => {
+            warnings.push(reason);
+            None
+        }
+        Err(other) => return Err(other),
+    };
+    observer.progress(1, "mesh");
+
+    let march = MarchSettings { steps: 128, ..MarchSettings::default() };
+    let settings = RenderSettings { march, ..RenderSettings::default() };
+    let judges = judging_views(scene, &views);
+    let shown: Vec<&View> = spread(if judges.is_empty() { &views.train } else { &judges }, PREVIEW.0);
+    let sheet = preview_sheet(&field, &shown, &settings, Some(&skip), PREVIEW.1);
+    dvr_core::files::write_rgb_png(&folder.preview(), &sheet)?;
+    observer.progress(2, "preview");
+
+    let held_out = agreement(&field, &judges, &settings, Some(&skip), HELD_OUT_PIXELS);
+    observer.progress(3, "held-out views");
+    let empty = Mesh::default();
+    let shape = evaluate_shape(mesh.as_ref().unwrap_or(&empty), &scene.ground_truth, config.seed)?;
+    let metrics = RunMetrics {
+        scene: scene.name.clone(),
+        supervision: config.supervision.to_string(),
+        seed: config.seed,
+        steps: checkpoint.header.step,
+        parameters: burn::module::Module::num_params(&field),
+        training_seconds: checkpoint.header.seconds,
+        mesh: mesh.map(|mesh| [mesh.vertices.len(), mesh.faces.len()]),
+        shape,
+        held_out,
+        warnings,
+    };
+    let json = serde_json::to_string_pretty(&metrics).map_err(|e| Error::Config(e.to_string()))?;
+    dvr_core::files::write_bytes_atomically(&folder.metrics_json(), json.as_bytes())?;
+    observer.progress(4, "figures");
+    Ok(metrics)
+}
+
+/// What extraction has to say, in plain words.
+pub fn extraction_warnings(extracted: &Extraction) -> Vec<String> {
+    let mut warnings: Vec<String> = extracted.warnings.iter().map(ToString::to_string).collect();
+    if extracted.dropped_components > 0 {
+        warnings.push(format!(
+            "{} small loose piece(s) were dropped from the mesh (--min-piece 0 keeps them)",
+            extracted.dropped_components
+        ));
+    }
+    warnings
+}
+
+/// The views that nobody trained on: the test split where there is one, else what was held out for validation.
+pub fn judging_views<'a>(scene: &'a Scene, views: &ViewSplit<'a>) -> Vec<&'a View> {
+    let test: Vec<&View> = scene.views_of(Split::Test).collect();
+    if test.is_empty() { views.held_out.clone() } else { test }
+}
+
+/// Points on the surface that object pixels of `views` see: seeds for the extraction.
+pub fn surface_points(field: &(impl Field + Sync), views: &[&View], rays: usize) -> Vec<Vec3> {
+    let pixels = views.iter().flat_map(|view| {
+        let (width, height) = view.mask.size();
+        (0..height).flat_map(move |v| (0..width).map(move |u| (*view, u, v)))
+    });
+    let object: Vec<_> = pixels.filter(|(view, u, v)| view.mask.is_object(*u, *v)).collect();
+    let stride = object.len().div_ceil(rays.max(1)).max(1);
+    let rays: Vec<Ray> = object.iter().step_by(stride).map(|(view, u, v)| view.camera.pixel_ray(*u, *v)).collect();
+    let march = MarchSettings { steps: 64, ..MarchSettings::default() };
+    let shaded = shade_rays(field, &rays, &RenderSettings { march, ..RenderSettings::default() }, None);
+    let point = |(ray, shaded): (&Ray, Option<dvr_render::Shaded>)| Some(ray.at(shaded?.depth.into()).as_vec3());
+    rays.iter().zip(shaded).filter_map(point).collect()
+}
+
+/// At most `count` items, evenly spread.
+fn spread<'a>(views: &[&'a View], count: usize) -> Vec<&'a View> {
+    let count = count.min(views.len());
+    (0..count).map(|i| views[i * views.len() / count]).collect()
+}

@@ -1,0 +1,259 @@
+//! One training step's loss: march without gradient, put the hits on the graph, compare with the pixels.
+
+use burn::tensor::{Device, Int, Tensor, TensorData};
+use dvr_render::{Field, Hits, March, MarchSettings, Marcher, Query, Rays, Surface, TensorMarcher};
+use rand::Rng;
+
+use crate::batch::PixelBatch;
+use crate::config::{OccupancyPoint, TrainConfig};
+use crate::losses;
+
+/// The terms of one step, each already weighted and divided by the number of rays.
+#[derive(Clone, Debug)]
+pub struct StepLoss {
+    /// Sum of the terms, `[1]`, on the graph.
+    pub total: Tensor<1>,
+    /// Name and value of each term that took part.
+    pub terms: Vec<(&'static str, Tensor<1>)>,
+    /// Object pixels hit, of all pixels hit or object: the mask's intersection over union in this batch.
+    pub mask_iou: f64,
+}
+
+/// The random numbers of a step, drawn beforehand: the step itself is a pure function.
+#[derive(Clone, Debug)]
+pub struct StepNoise {
+    /// Shift of the samples of each ray, `[0, 1)`; `None` without jitter.
+    pub jitter: Option<Vec<f32>>,
+    /// Share of its interval at which free space (or random occupancy) is asked for, one a ray, `[0, 1)`.
+    pub along: Vec<f32>,
+    /// Position of the neighbour of each point of the normal term in its box, `[0, 1)^3`.
+    pub neighbor: Vec<[f32; 3]>,
+}
+
+impl StepNoise {
+    /// Draws the numbers for a batch of `rays` rays.
+    pub fn draw(config: &TrainConfig, rays: usize, rng: &mut impl Rng) -> Self {
+        Self {
+            jitter: config.jitter.then(|| (0..rays).map(|_| rng.random()).collect()),
+            along: (0..rays).map(|_| rng.random()).collect(),
+            neighbor: (0..config.losses.normal_points.min(rays)).map(|_| rng.random()).collect(),
+        }
+    }
+}
+
+/// The loss of a batch.
+///
+/// `frozen` is `field` without gradient tracking (`Module::valid`); `batch` lives on its device.
+pub fn step_loss(
+    field: &impl Field,
+    frozen: &impl Field,
+    batch: &PixelBatch,
+    noise: &StepNoise,
+    config: &TrainConfig,
+    step: usize,
+) -> StepLoss {
+    let device = frozen.device();
+    let settings = MarchSettings {
+        steps: config.samples_at(step),
+        root: config.root,
+        root_steps: config.root_steps,
+        ..MarchSettings::default()
+    };
+    let jitter = noise.jitter.as_ref().map(|jitter| floats(jitter, &device));
+    let march = TensorMarcher::new(frozen, settings).march(&batch.rays, jitter);
+    let roles = Roles::sort(batch, &march);
+
+    let weights = &config.losses;
+    let mut terms = Vec::new();
+    let mut add = |name, weight: f64, sum: Tensor<1>| {
+        if weight > 0.0 {
+            terms.push((name, sum * (weight / batch.len() as f64)));
+        }
+    };
+
+    if let Some(hits) = &march.hits {
+        let surface = Surface::on_graph(field, frozen, hits, config.slope);
+        surface_terms(&surface, batch, &roles, config, &mut add);
+        if !roles.background_hits.is_empty() {
+            let at = indices(&roles.background_hits, &device);
+            add("free_space", weights.free_space, losses::free_space(surface.occupancy_logit.select(0, at)));
+        }
+        if weights.normal > 0.0 {
+            add("normal", weights.normal, normal_term(field, hits, noise, config));
+        }
+    }
+    let missed = MissedPoints { march: &march, rays: &batch.rays, along: floats(&noise.along, &device) };
+    if !roles.free.is_empty() && weights.free_space > 0.0 {
+        let logit = missed.logits(field, &roles.free, false);
+        add("free_space_missed", weights.free_space, losses::free_space(logit));
+    }
+    if !roles.starts_inside.is_empty() && weights.free_space > 0.0 {
+        let at = indices(&roles.starts_inside, &device);
+        let rays = batch.rays.select(&at);
+        let logit = field.occupancy_logit(&lifted(&rays, rays.entry.clone()));
+        add("free_space_entry", weights.free_space, losses::free_space(logit));
+    }
+    if !roles.missed_object.is_empty() && weights.occupancy > 0.0 {
+        let densest = config.occupancy_point == OccupancyPoint::Densest;
+        let logit = missed.logits(field, &roles.missed_object, densest);
+        add("occupancy", weights.occupancy, losses::occupancy(logit));
+    }
+
+    let zero = || Tensor::from_inner(Tensor::zeros([1], &device));
+    let total = terms.iter().map(|(_, term)| term.clone()).reduce(|a, b| a + b).unwrap_or_else(zero);
+    StepLoss { total, terms, mask_iou: roles.mask_iou }
+}
+
+/// The terms that compare the visible surface with what object pixels show.
+fn surface_terms(
+    surface: &Surface,
+    batch: &PixelBatch,
+    roles: &Roles,
+    config: &TrainConfig,
+    add: &mut impl FnMut(&'static str, f64, Tensor<1>),
+) {
+    let weights = &config.losses;
+    let device = batch.color.device();
+    let truth = |rays: &[i64]| -> Tensor<2> { Tensor::from_inner(batch.color.clone().select(0, indices(rays, &device))) };
+    if !roles.object_hits.is_empty() {
+        let at = indices(&roles.object_hits, &device);
+        let color = truth(&roles.object_hit_rays);
+        if weights.color > 0.0 {
+            add("color", weights.color, losses::color_l1(surface.color.clone().select(0, at.clone()), color.clone()));
+        }
+        if weights.texture > 0.0 {
+            add("texture", weights.texture, losses::color_l1(surface.fixed_color.clone().select(0, at), color));
+        }
+    }
+    if weights.image_gradient > 0.0 && !roles.patch_hits.is_empty() {
+        let color = surface.color.clone().select(0, indices(&roles.patch_hits, &device));
+        let loss = losses::image_gradient(color, truth(&roles.patch_rays), config.patch_size);
+        add("image_gradient", weights.image_gradient, loss);
+    }
+    if weights.depth > 0.0 && !roles.depth_hits.is_empty() {
+        let at = indices(&roles.depth_hits, &device);
+        let truth: Vec<f32> = roles.depth_rays.iter().map(|&ray| batch.z_depth[ray as usize]).collect();
+        let truth = floats(&truth, &device);
+        let depth = surface.depth.clone().select(0, at.clone());
+        let loss = if weights.depth_on_points {
+            let rays = batch.rays.select(&indices(&roles.depth_rays, &device));
+            losses::point_distance(surface.point.clone().select(0, at), Tensor::from_inner(rays.at(truth)))
+        } else {
+            losses::depth_l1(depth, Tensor::from_inner(truth))
+        };
+        add("depth", weights.depth, loss);
+    }
+}
+
+/// Smoothness at evenly chosen hits, scaled up to all of them.
+fn normal_term(field: &impl Field, hits: &Hits, noise: &StepNoise, config: &TrainConfig) -> Tensor<1> {
+    let device = hits.depth.device();
+    let count = hits.len().min(noise.neighbor.len());
+    let chosen: Vec<i64> = (0..count).map(|i| (i * hits.len() / count) as i64).collect();
+    let chosen = indices(&chosen, &device);
+    let points = hits.points().select(0, chosen.clone());
+    let object = hits.rays.object.clone().map(|o| o.select(0, chosen));
+    let shift: Vec<f32> = noise.neighbor[..count].iter().flatten().map(|u| u - 0.5).collect();
+    let shift = Tensor::<2>::from_data(TensorData::new(shift, [count, 3]), &device) * config.losses.normal_distance;
+    let at = |points| Query { points: Tensor::from_inner(points), object: object.clone().map(Tensor::from_inner) };
+    let gradient = field.occupancy_gradient(&at(points.clone()));
+    let neighbor_gradient = field.occupancy_gradient(&at(points + shift));
+    losses::normal_smoothness(gradient, neighbor_gradient) * (hits.len() as f64 / count as f64)
+}
+
+/// Where rays that hit nothing are asked for occupancy.
+struct MissedPoints<'a> {
+    march: &'a March,
+    rays: &'a Rays,
+    along: Tensor<1>,
+}
+
+impl MissedPoints<'_> {
+    /// Logits on the graph, at the densest sample of each ray or at a random depth.
+    fn logits(&self, field: &impl Field, rays: &[i64], densest: bool) -> Tensor<1> {
+        let at = indices(rays, &self.along.device());
+        let rays = self.rays.select(&at);
+        let depth = if densest {
+            self.march.densest_depth.clone().select(0, at)
+        } else {
+            let share = self.along.clone().select(0, at);
+            rays.entry.clone() + (rays.exit.clone() - rays.entry.clone()) * share
+        };
+        field.occupancy_logit(&lifted(&rays, depth))
+    }
+}
+
+/// Points on rays as a query on the autodiff device.
+fn lifted(rays: &Rays, depth: Tensor<1>) -> Query {
+    Query { points: Tensor::from_inner(rays.at(depth)), object: rays.object.clone().map(Tensor::from_inner) }
+}
+
+/// Which ray plays which part. `*_rays` index the batch, `*_hits` the hits; pairs run in parallel.
+#[derive(Default)]
+struct Roles {
+    object_hits: Vec<i64>,
+    object_hit_rays: Vec<i64>,
+    background_hits: Vec<i64>,
+    missed_object: Vec<i64>,
+    free: Vec<i64>,
+    starts_inside: Vec<i64>,
+    depth_hits: Vec<i64>,
+    depth_rays: Vec<i64>,
+    patch_hits: Vec<i64>,
+    patch_rays: Vec<i64>,
+    mask_iou: f64,
+}
+
+impl Roles {
+    /// Sorts the rays of a batch by what the march found: the one read-back of a step besides its statistics.
+    fn sort(batch: &PixelBatch, march: &March) -> Self {
+        let mut roles = Self::default();
+        let starts_inside: Vec<bool> = march.starts_inside.clone().into_data().iter::<bool>().collect();
+        let hit_rays: Vec<i64> =
+            march.hits.as_ref().map(|hits| hits.index.clone().into_data().iter::<i64>().collect()).unwrap_or_default();
+        let mut hit_of_ray = vec![None; batch.len()];
+        for (hit, &ray) in hit_rays.iter().enumerate() {
+            hit_of_ray[ray as usize] = Some(hit as i64);
+        }
+        let (mut intersection, mut union) = (0usize, 0usize);
+        for ray in (0..batch.len()).filter(|&ray| batch.in_cube[ray]) {
+            let (index, object) = (ray as i64, batch.object[ray]);
+            union += usize::from(object || hit_of_ray[ray].is_some());
+            match hit_of_ray[ray] {
+                Some(hit) if object => {
+                    intersection += 1;
+                    roles.object_hits.push(hit);
+                    roles.object_hit_rays.push(index);
+                    if batch.z_depth[ray].is_finite() {
+                        roles.depth_hits.push(hit);
+                        roles.depth_rays.push(index);
+                    }
+                }
+                Some(hit) => roles.background_hits.push(hit),
+                // The object lies inside the cube: where a ray enters, there is nothing, whatever the pixel shows.
+                None if starts_inside[ray] => roles.starts_inside.push(index),
+                None if object => roles.missed_object.push(index),
+                None => roles.free.push(index),
+            }
+        }
+        for patch in hit_of_ray.chunks_exact(batch.patch_pixels).zip(batch.object.chunks_exact(batch.patch_pixels)).enumerate() {
+            let (i, (hits, object)) = patch;
+            if object.iter().all(|&o| o) && hits.iter().all(Option::is_some) {
+                roles.patch_hits.extend(hits.iter().flatten());
+                roles.patch_rays.extend((i * batch.patch_pixels..(i + 1) * batch.patch_pixels).map(|ray| ray as i64));
+            }
+        }
+        roles.mask_iou = if union == 0 { 1.0 } else { intersection as f64 / union as f64 };
+        roles
+    }
+}
+
+/// A list of indices on a device, `[n]`.
+fn indices(values: &[i64], device: &Device) -> Tensor<1, Int> {
+    Tensor::from_data(TensorData::new(values.to_vec(), [values.len()]), device)
+}
+
+/// A list of numbers on a device, `[n]`.
+fn floats(values: &[f32], device: &Device) -> Tensor<1> {
+    Tensor::from_data(TensorData::new(values.to_vec(), [values.len()]), device)
+}

@@ -1,0 +1,100 @@
+//! The preview sheet: what went in and what came out, side by side.
+
+use dvr_core::{Camera, DepthMap, View};
+use dvr_render::{Field, RenderSettings, Rendering, SkipGrid, render_view};
+use image::imageops::{FilterType, replace, resize};
+use image::{Rgb, Rgb32FImage, RgbImage};
+
+/// Gap between pictures, pixels.
+const GAP: u32 = 4;
+
+/// A sheet with a row a view: input (background whitened by the mask), render, depth, normals; at most `max_width`
+/// pixels a picture. Near is bright in depth; normals are in the camera's frame (x right, y up, z towards the viewer).
+pub fn preview_sheet(
+    field: &(impl Field + Sync),
+    views: &[&View],
+    settings: &RenderSettings,
+    skip: Option<&SkipGrid>,
+    max_width: u32,
+) -> RgbImage {
+    let rows: Vec<Vec<RgbImage>> = views
+        .iter()
+        .map(|view| {
+            let camera = limited(&view.camera, max_width);
+            let rendering = render_view(field, &camera, settings, skip);
+            let input = resize(&whitened(view), camera.width, camera.height, FilterType::Triangle);
+            vec![input, to_rgb8(&rendering.color), depth_picture(&rendering.depth), normal_picture(&rendering, &camera)]
+        })
+        .collect();
+    grid(&rows)
+}
+
+/// A camera for a picture of at most `max_width` pixels.
+pub fn limited(camera: &Camera, max_width: u32) -> Camera {
+    if camera.width <= max_width {
+        return camera.clone();
+    }
+    let height = (u64::from(camera.height) * u64::from(max_width) / u64::from(camera.width)).max(1) as u32;
+    camera.resized(max_width, height)
+}
+
+/// The view's photograph with everything but the object white.
+pub fn whitened(view: &View) -> RgbImage {
+    let mut image = view.image.clone();
+    for (u, v, pixel) in image.enumerate_pixels_mut() {
+        if !view.mask.is_object(u, v) {
+            *pixel = Rgb([255; 3]);
+        }
+    }
+    image
+}
+
+/// Colours in `[0, 1]` to bytes, rounded.
+pub fn to_rgb8(image: &Rgb32FImage) -> RgbImage {
+    RgbImage::from_fn(image.width(), image.height(), |u, v| {
+        Rgb(image.get_pixel(u, v).0.map(|c| (c.clamp(0.0, 1.0) * 255.0).round() as u8))
+    })
+}
+
+/// Depth as grey, near bright, background white; a map of one depth is mid grey.
+pub fn depth_picture(depth: &DepthMap) -> RgbImage {
+    let finite = || depth.z_depth.iter().copied().filter(|z| z.is_finite());
+    let (near, far) = (finite().fold(f32::INFINITY, f32::min), finite().fold(f32::NEG_INFINITY, f32::max));
+    RgbImage::from_fn(depth.width, depth.height, |u, v| {
+        let z = depth.get(u, v);
+        if !z.is_finite() {
+            return Rgb([255; 3]);
+        }
+        let share = if far > near { (far - z) / (far - near) } else { 0.5 };
+        Rgb([(40.0 + 190.0 * share).round() as u8; 3])
+    })
+}
+
+/// Normals as colours, `(n + 1) / 2` in the camera's frame with y up and z towards the viewer; background white.
+pub fn normal_picture(rendering: &Rendering, camera: &Camera) -> RgbImage {
+    RgbImage::from_fn(camera.width, camera.height, |u, v| {
+        if !rendering.mask.is_object(u, v) {
+            return Rgb([255; 3]);
+        }
+        let normal = glam::Vec3::from(rendering.normal.get_pixel(u, v).0).as_dvec3();
+        let n = camera.rotation * normal;
+        Rgb([n.x, -n.y, -n.z].map(|c| ((0.5 * c + 0.5).clamp(0.0, 1.0) * 255.0).round() as u8))
+    })
+}
+
+/// Pictures in rows and columns on white.
+fn grid(rows: &[Vec<RgbImage>]) -> RgbImage {
+    let width = rows.iter().map(|row| row.iter().map(|p| p.width() + GAP).sum::<u32>() + GAP).max().unwrap_or(1);
+    let height = rows.iter().map(|row| row.iter().map(|p| p.height()).max().unwrap_or(0) + GAP).sum::<u32>() + GAP;
+    let mut sheet = RgbImage::from_pixel(width, height, Rgb([255; 3]));
+    let mut y = GAP;
+    for row in rows {
+        let mut x = GAP;
+        for picture in row {
+            replace(&mut sheet, picture, i64::from(x), i64::from(y));
+            x += picture.width() + GAP;
+        }
+        y += row.iter().map(|p| p.height()).max().unwrap_or(0) + GAP;
+    }
+    sheet
+}

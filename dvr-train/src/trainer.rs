@@ -1,0 +1,170 @@
+//! The training loop's state and its one step. Where runs are stored and reported is the business of `run`.
+
+use burn::module::Module;
+use burn::optim::{AdamConfig, GradientsParams, ModuleOptimizer};
+use burn::tensor::Device;
+use dvr_core::{Scene, Split, View};
+use dvr_render::Field;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+
+use crate::batch::{PixelBatch, PixelSampling};
+use crate::checkpoint::{Checkpoint, CheckpointHeader};
+use crate::config::TrainConfig;
+use crate::error::{Error, Result};
+use crate::objective::{StepNoise, step_loss};
+
+/// The views of a scene, divided into those that teach and those that judge.
+#[derive(Clone, Debug)]
+pub struct ViewSplit<'a> {
+    /// Trained on.
+    pub train: Vec<&'a View>,
+    /// Never trained on: validation chooses the best checkpoint by them.
+    pub held_out: Vec<&'a View>,
+}
+
+impl<'a> ViewSplit<'a> {
+    /// Takes the dataset's validation split where it has one; otherwise holds out one training view in
+    /// `hold_out_every`, starting with the middle one of the first group.
+    ///
+    /// # Errors
+    /// When fewer than two views remain to train on.
+    pub fn new(scene: &'a Scene, hold_out_every: usize) -> Result<Self> {
+        let mut train: Vec<&View> = scene.views_of(Split::Train).collect();
+        let mut held_out: Vec<&View> = scene.views_of(Split::Val).collect();
+        if held_out.is_empty() && hold_out_every > 1 && train.len() > hold_out_every {
+            let is_held = |i: &usize| i % hold_out_every == hold_out_every / 2;
+            held_out = train.iter().enumerate().filter(|(i, _)| is_held(i)).map(|(_, v)| *v).collect();
+            train = train.into_iter().enumerate().filter(|(i, _)| !is_held(i)).map(|(_, v)| v).collect();
+        }
+        if train.len() < 2 {
+            return Err(dvr_core::Error::scene(
+                format!("scene {:?} has {} view(s) to train on", scene.name, train.len()),
+                "A surface needs at least two views; a handful from all sides is better.",
+            )
+            .into());
+        }
+        Ok(Self { train, held_out })
+    }
+}
+
+/// What a step did, for logging.
+#[derive(Clone, Debug)]
+pub struct StepReport {
+    /// The step, counted from 1.
+    pub step: usize,
+    /// The loss.
+    pub loss: f64,
+    /// Name and weighted value of each term.
+    pub terms: Vec<(&'static str, f64)>,
+    /// Intersection over union of mask and hits in this batch.
+    pub mask_iou: f64,
+    /// Adam's step size.
+    pub learning_rate: f64,
+    /// Samples on a ray.
+    pub samples: usize,
+}
+
+/// A field in training.
+pub struct Trainer<'a, F> {
+    config: TrainConfig,
+    views: ViewSplit<'a>,
+    device: Device,
+    field: F,
+    optimizer: ModuleOptimizer,
+    step: usize,
+}
+
+/// The optimiser of the original: Adam with the usual moments.
+fn adam() -> ModuleOptimizer {
+    AdamConfig::new().with_epsilon(1e-8).init()
+}
+
+/// The random stream of a purpose: stream `k` is step `k`, counted from 1.
+pub(crate) fn step_rng(seed: u64, stream: u64) -> ChaCha8Rng {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    rng.set_stream(stream);
+    rng
+}
+
+impl<'a, F: Field + Module> Trainer<'a, F> {
+    /// Takes a field on `device.autodiff()`.
+    pub fn new(field: F, views: ViewSplit<'a>, config: TrainConfig, device: Device) -> Self {
+        Self { config, views, device, field, optimizer: adam(), step: 0 }
+    }
+
+    /// The configuration.
+    pub fn config(&self) -> &TrainConfig {
+        &self.config
+    }
+
+    /// The views, divided.
+    pub fn views(&self) -> &ViewSplit<'a> {
+        &self.views
+    }
+
+    /// Steps done so far.
+    pub fn steps_done(&self) -> usize {
+        self.step
+    }
+
+    /// The field without gradient tracking, for rendering and extraction.
+    pub fn frozen(&self) -> F {
+        self.field.valid()
+    }
+
+    /// One step of the method: draw pixels, march, compare, follow the gradient.
+    ///
+    /// All randomness comes from the seed and the step's number: a resumed run draws what an unbroken one would.
+    ///
+    /// # Errors
+    /// When the loss is not finite. The field is then left as it was before the step.
+    pub fn step(&mut self) -> Result<StepReport> {
+        let config = &self.config;
+        let mut rng = step_rng(config.seed, self.step as u64 + 1);
+        let sampling =
+            PixelSampling { rays: config.rays, patch_size: config.patch_size, object_share: config.object_share };
+        let batch = PixelBatch::draw(&self.views.train, sampling, &mut rng, &self.device);
+        let noise = StepNoise::draw(config, batch.len(), &mut rng);
+        let frozen = self.field.valid();
+        let loss = step_loss(&self.field, &frozen, &batch, &noise, config, self.step);
+
+        let value = loss.total.clone().into_scalar::<f64>();
+        if !value.is_finite() {
+            return Err(Error::Diverged { step: self.step + 1, value });
+        }
+        let learning_rate = config.learning_rate_at(self.step);
+        let report = StepReport {
+            step: self.step + 1,
+            loss: value,
+            terms: loss.terms.iter().map(|(name, term)| (*name, term.clone().into_scalar::<f64>())).collect(),
+            mask_iou: loss.mask_iou,
+            learning_rate,
+            samples: config.samples_at(self.step),
+        };
+        if !loss.terms.is_empty() {
+            let gradients = GradientsParams::from_grads(loss.total.backward(), &self.field);
+            self.field = self.optimizer.step(learning_rate, self.field.clone(), gradients);
+        }
+        self.step += 1;
+        Ok(report)
+    }
+
+    /// The state of the run.
+    ///
+    /// # Errors
+    /// Only where a tensor cannot be read back from its device.
+    pub fn checkpoint(&self, header: CheckpointHeader) -> Result<Checkpoint> {
+        Checkpoint::new(header, self.field.clone(), &self.optimizer)
+    }
+
+    /// Takes up the optimiser and the step of a checkpoint whose model this trainer already has.
+    ///
+    /// # Errors
+    /// When the optimiser's state cannot be read.
+    pub fn resume(&mut self, checkpoint: &Checkpoint) -> Result<()> {
+        self.optimizer = checkpoint.restore_optimizer(adam())?;
+        self.step = checkpoint.header.step;
+        Ok(())
+    }
+}

@@ -1,0 +1,59 @@
+//! How well a field explains views that it was not trained on.
+
+use dvr_core::{Ray, View};
+use dvr_render::{Field, RenderSettings, SkipGrid, shade_rays};
+use serde::{Deserialize, Serialize};
+
+/// Agreement with held-out pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Agreement {
+    /// Peak signal-to-noise ratio in dB, both pictures on white.
+    pub psnr: f64,
+    /// Intersection over union of the silhouettes.
+    pub mask_iou: f64,
+    /// How many pixels were compared.
+    pub pixels: usize,
+}
+
+/// Compares renderings with views on an even subset of at most about `max_pixels` of their pixels; `None` without views.
+pub fn agreement(
+    field: &(impl Field + Sync),
+    views: &[&View],
+    settings: &RenderSettings,
+    skip: Option<&SkipGrid>,
+    max_pixels: usize,
+) -> Option<Agreement> {
+    let pixels = pixel_subset(views, max_pixels);
+    let rays: Vec<Ray> = pixels.iter().map(|&(view, u, v)| views[view].camera.pixel_ray(u, v)).collect();
+    let shaded = shade_rays(field, &rays, settings, skip);
+    let (mut squared, mut intersection, mut union) = (0.0, 0usize, 0usize);
+    for (&(view, u, v), shaded) in pixels.iter().zip(&shaded) {
+        let object = views[view].mask.is_object(u, v);
+        let truth = if object { views[view].image.get_pixel(u, v).0.map(|c| f32::from(c) / 255.0) } else { [1.0; 3] };
+        let predicted = shaded.map_or([1.0; 3], |shaded| shaded.color);
+        squared += truth.iter().zip(predicted).map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>() / 3.0;
+        intersection += usize::from(object && shaded.is_some());
+        union += usize::from(object || shaded.is_some());
+    }
+    let count = pixels.len();
+    (count > 0).then(|| Agreement {
+        psnr: -10.0 * (squared / count as f64).max(1e-12).log10(),
+        mask_iou: if union == 0 { 1.0 } else { intersection as f64 / union as f64 },
+        pixels: count,
+    })
+}
+
+/// Every `k`-th pixel of all views together, in a fixed order; `k` is odd so that it does not fall on one column.
+fn pixel_subset(views: &[&View], max_pixels: usize) -> Vec<(usize, u32, u32)> {
+    let total: usize = views.iter().map(|v| v.image.width() as usize * v.image.height() as usize).sum();
+    let stride = total.div_ceil(max_pixels.max(1)).max(1) | 1;
+    views
+        .iter()
+        .enumerate()
+        .flat_map(|(i, view)| {
+            let (width, height) = view.image.dimensions();
+            (0..height).flat_map(move |v| (0..width).map(move |u| (i, u, v)))
+        })
+        .step_by(stride)
+        .collect()
+}
