@@ -207,16 +207,17 @@ fn the_files_agree_with_each_other_in_the_meshs_own_units() {
         let depth = read_depth_exr(&name("depth", "exr")).unwrap();
         assert_eq!(read_rgb(&name("image", "png")).unwrap().dimensions(), (96, 64));
         assert_eq!((mask.size(), depth.width, depth.height), ((96, 64), 96, 64));
-        let (mut seen, mut inside) = (0, 0);
+        let (mut seen, mut inside, mut before) = (0, 0, 0);
         for &point in &points {
             let (pixel, z) = files.project(point, view, (96, 64));
             let (u, v) = (pixel.x as u32, pixel.y as u32);
             inside += usize::from(mask.is_object(u, v));
             let surface = f64::from(depth.get(u, v));
-            assert!(surface.is_infinite() || z > surface - 0.5, "a point lies before the surface");
             seen += usize::from((z - surface).abs() < 0.05);
+            // On the rims the centre of the pixel may see what lies behind.
+            before += usize::from(surface.is_finite() && z < surface - 0.15);
         }
-        assert!(inside > 480 && seen > 150, "{inside} {seen}");
+        assert!(inside > 480 && seen > 150 && before < 25, "{inside} {seen} {before}");
     }
     let occupied = NpzFile::open(&files.folder.join("points.npz")).unwrap().read("occupancies").unwrap().to_bool();
     for (point, occupied) in files.points("points.npz").iter().zip(occupied) {
