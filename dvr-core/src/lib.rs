@@ -18,6 +18,7 @@ mod ray;
 pub mod sampling;
 mod scene;
 mod srgb;
+pub mod synth;
 
 pub use bvh::{Bvh, RayHit};
 pub use camera::{Camera, Similarity};

@@ -32,7 +32,8 @@ fn a_mesh_comes_back_from_every_format_as_it_was_written() {
         let path = folder.path().join(name);
         write_mesh(&path, &mesh).unwrap();
         let back = read_mesh(&path).unwrap();
-        assert_eq!(back.materials[back.face_materials.first().copied().unwrap_or(0) as usize].base_color, [1.0; 3]);
+        let material = &back.materials[back.face_materials.first().copied().unwrap_or(0) as usize];
+        assert!(material.base_color.iter().all(|c| (c - 1.0).abs() < 1e-6), "{name}: a material tints the colours");
         let back = back.mesh;
         assert_eq!((&back.vertices, &back.faces), (&mesh.vertices, &mesh.faces), "{name}");
         let flat = |normals: &Option<Vec<Vec3>>| normals.as_ref().unwrap().iter().flat_map(|n| n.to_array()).collect();
@@ -132,16 +133,19 @@ fn models_of_other_programs_are_read_with_their_textures() {
     files_below(&folder, &mut paths);
     paths.retain(|p| p.extension().is_some_and(|e| e == "obj" || e == "glb"));
     assert!(paths.len() > 50);
-    let mut textured = 0;
+    let (mut textured, mut incomplete) = (0, 0);
     for path in &paths {
         let mut warnings = Vec::new();
         let mesh = read_mesh_with_warnings(path, &mut warnings).unwrap();
-        assert!(warnings.is_empty(), "{}: {warnings:?}", path.display());
+        // The collection itself lacks a few materials and textures that stayed on its authors' disks.
+        let missing = |w: &String| w.contains("is not there") || w.contains("is not defined");
+        assert!(warnings.iter().all(missing), "{warnings:?}");
+        incomplete += usize::from(!warnings.is_empty());
         assert!(mesh.mesh.faces.len() >= 12, "{}", path.display());
         assert!(mesh.materials.len() > 1 || mesh.face_materials.is_empty(), "{}", path.display());
         textured += usize::from(mesh.materials.iter().any(|m| m.texture.is_some()));
     }
-    assert!(textured > 30, "{textured}");
+    assert!(textured > 30 && incomplete < 5, "{textured} {incomplete}");
 }
 
 #[test]

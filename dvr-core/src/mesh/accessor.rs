@@ -16,9 +16,12 @@ pub(super) struct GltfBuffers {
 impl GltfBuffers {
     /// Loads every buffer: the binary chunk, data URIs, and files beside the document.
     pub fn load(document: &Document, folder: &Path, mut blob: Option<Vec<u8>>) -> Result<Self, String> {
-        let buffers = document.buffers().map(|buffer| match buffer.source() {
-            buffer::Source::Bin => blob.take().ok_or("the binary chunk is missing".to_owned()),
-            buffer::Source::Uri(uri) => read_uri(folder, uri),
+        let buffers = document.buffers().map(|buffer| {
+            let bytes = match buffer.source() {
+                buffer::Source::Bin => blob.take().ok_or("has no binary chunk".to_owned()),
+                buffer::Source::Uri(uri) => read_uri(folder, uri),
+            };
+            bytes.map_err(|problem| format!("buffer {} {problem}", buffer.index()))
         });
         Ok(Self { folder: folder.to_owned(), buffers: buffers.collect::<Result<_, _>>()? })
     }
@@ -28,7 +31,7 @@ impl GltfBuffers {
         &self.folder
     }
 
-    /// The bytes of a buffer view.
+    /// The bytes of a buffer view. Like all problems here, one is told without its subject.
     pub fn view(&self, view: &buffer::View) -> Result<&[u8], String> {
         let bytes = self.buffers.get(view.buffer().index()).map_or(&[][..], Vec::as_slice);
         view.offset().checked_add(view.length()).and_then(|end| bytes.get(view.offset()..end)).ok_or(format!(
@@ -43,11 +46,11 @@ impl GltfBuffers {
 pub(super) fn read_uri(folder: &Path, uri: &str) -> Result<Vec<u8>, String> {
     if uri.starts_with("data:") {
         let data = buffer::Data::from_source(buffer::Source::Uri(uri), None);
-        return data.map(|d| d.0).map_err(|e| format!("a data URI cannot be decoded: {e}"));
+        return data.map(|d| d.0).map_err(|e| format!("is a data URI that cannot be decoded: {e}"));
     }
     let name = percent_decoded(uri);
-    let path = super::io::find_reference(folder, &name).ok_or(format!("`{name}`, which it names, is not there"))?;
-    std::fs::read(&path).map_err(|e| format!("`{name}`, which it names, cannot be read: {e}"))
+    let path = super::io::find_reference(folder, &name).ok_or(format!("is in `{name}`, which is not there"))?;
+    std::fs::read(&path).map_err(|e| format!("is in `{name}`, which cannot be read: {e}"))
 }
 
 /// `%20` and its like; what is not a proper escape stays as it is.
@@ -97,7 +100,7 @@ fn elements<T>(accessor: &Accessor, buffers: &GltfBuffers, decode: impl Fn(&[u8]
         return Err(format!("accessor {name} is sparse, which is not read"));
     }
     let view = accessor.view().ok_or(format!("accessor {name} has no data"))?;
-    let bytes = buffers.view(&view)?;
+    let bytes = buffers.view(&view).map_err(|problem| format!("accessor {name} {problem}"))?;
     let (size, count) = (accessor.size(), accessor.count());
     let stride = view.stride().unwrap_or(size);
     let end = count

@@ -14,14 +14,10 @@ const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 
 /// The mesh as a GLB with one rough, two-sided material; vertex colours are stored linear, as glTF defines `COLOR_0`.
 ///
-/// A mesh without faces gives a valid file with an empty scene.
+/// A mesh without faces gives a valid file without a scene.
 pub(super) fn encode(mesh: &Mesh) -> Vec<u8> {
     let mut file = GlbBuffer::default();
-    let mut root = json!({
-        "asset": { "version": "2.0", "generator": "dvr" },
-        "scene": 0,
-        "scenes": [{}],
-    });
+    let mut root = json!({ "asset": { "version": "2.0", "generator": "dvr" } });
     if !mesh.is_empty() {
         let mut attributes = json!({ "POSITION": file.positions(&mesh.vertices) });
         if let Some(normals) = &mesh.normals {
@@ -34,6 +30,7 @@ pub(super) fn encode(mesh: &Mesh) -> Vec<u8> {
             attributes["COLOR_0"] = file.vectors(linear, colors.len()).into();
         }
         let indices = file.indices(&mesh.faces);
+        root["scene"] = 0.into();
         root["scenes"] = json!([{ "nodes": [0] }]);
         root["nodes"] = json!([{ "mesh": 0 }]);
         root["meshes"] = json!([{ "primitives": [{ "attributes": attributes, "indices": indices, "material": 0 }] }]);

@@ -9,7 +9,7 @@ use glam::{Mat3, Mat4, Vec2, Vec3};
 use super::TexturedMesh;
 use super::accessor::{self, GltfBuffers};
 use super::gltf_material::{UvTransform, read_materials, uv_transform};
-use crate::error::{Error, Result};
+use crate::error::Error;
 use crate::srgb::linear_to_srgb;
 
 /// Extensions whose absence would change the shape, and what to say about them.
@@ -22,7 +22,7 @@ const COMPRESSIONS: [(&str, &str); 3] = [
 /// Reads the default scene: node transforms, triangles, normals, vertex colours, base colours and base colour textures.
 ///
 /// Skins and morph targets stay in their rest pose; points and lines are left out.
-pub(super) fn read(path: &Path, bytes: &[u8], warnings: &mut Vec<String>) -> Result<TexturedMesh> {
+pub(super) fn read(path: &Path, bytes: &[u8], warnings: &mut Vec<String>) -> crate::Result<TexturedMesh> {
     let fail = |problem: String| Error::format(path, problem, "Export the model again, as glTF 2.0 with triangles.");
     if let Some(length) = bytes.strip_prefix(b"glTF").map(|rest| rest.get(4..8).unwrap_or_default()) {
         let stated = length.try_into().map_or(0, u32::from_le_bytes) as usize;
@@ -58,7 +58,7 @@ pub(super) fn read(path: &Path, bytes: &[u8], warnings: &mut Vec<String>) -> Res
 }
 
 /// The document, checked by the `gltf` crate. Required extensions that only change the looks are told and passed over.
-fn validated(path: &Path, document: Document, warnings: &mut Vec<String>) -> Result<Document> {
+fn validated(path: &Path, document: Document, warnings: &mut Vec<String>) -> crate::Result<Document> {
     let mut root = document.into_json();
     for extension in std::mem::take(&mut root.extensions_required) {
         if let Some((_, name)) = COMPRESSIONS.iter().find(|(known, _)| *known == extension) {
@@ -84,7 +84,7 @@ struct GltfReader<'a> {
 }
 
 impl GltfReader<'_> {
-    fn primitive(&mut self, primitive: &Primitive, to_scene: Mat4) -> std::result::Result<(), String> {
+    fn primitive(&mut self, primitive: &Primitive, to_scene: Mat4) -> Result<(), String> {
         let Some(position) = primitive.get(&Semantic::Positions) else { return Ok(()) };
         let positions = accessor::vectors::<3>(&position, self.buffers)?;
         let order = match primitive.indices() {
@@ -118,7 +118,7 @@ impl GltfReader<'_> {
         primitive: &Primitive,
         semantic: &Semantic,
         count: usize,
-    ) -> std::result::Result<Option<Vec<[f32; N]>>, String> {
+    ) -> Result<Option<Vec<[f32; N]>>, String> {
         let Some(accessor) = primitive.get(semantic) else { return Ok(None) };
         let values = accessor::vectors::<N>(&accessor, self.buffers)?;
         match values.len() {
@@ -133,7 +133,7 @@ impl GltfReader<'_> {
         faces: &[[u32; 3]],
         material: usize,
         count: usize,
-    ) -> std::result::Result<(), String> {
+    ) -> Result<(), String> {
         let transform = self.uv_transforms.get(material).copied().unwrap_or_default();
         let before = self.textured.mesh.faces.len();
         if let Some(uvs) = self.attribute::<2>(primitive, &Semantic::TexCoords(transform.set), count)? {
@@ -150,7 +150,7 @@ impl GltfReader<'_> {
         Ok(())
     }
 
-    fn append_normals(&mut self, primitive: &Primitive, linear: Mat3, count: usize) -> std::result::Result<(), String> {
+    fn append_normals(&mut self, primitive: &Primitive, linear: Mat3, count: usize) -> Result<(), String> {
         let values = self.attribute::<3>(primitive, &Semantic::Normals, count)?;
         // The inverse transpose, up to a positive factor that normalising takes away; it exists for flat nodes too.
         let [x, y, z] = [linear.x_axis, linear.y_axis, linear.z_axis];
@@ -161,7 +161,7 @@ impl GltfReader<'_> {
         Ok(())
     }
 
-    fn append_colors(&mut self, primitive: &Primitive, count: usize) -> std::result::Result<(), String> {
+    fn append_colors(&mut self, primitive: &Primitive, count: usize) -> Result<(), String> {
         let values = self.attribute::<3>(primitive, &Semantic::Colors(0), count)?;
         append(&mut self.textured.mesh.colors, self.textured.mesh.vertices.len(), count, [1.0; 3], values, |c| {
             c.map(|x| linear_to_srgb(x.clamp(0.0, 1.0)))
@@ -204,7 +204,7 @@ mod tests {
     use super::*;
     use serde_json::json;
 
-    fn parse(root: &serde_json::Value) -> Result<TexturedMesh> {
+    fn parse(root: &serde_json::Value) -> crate::Result<TexturedMesh> {
         read(Path::new("test.gltf"), root.to_string().as_bytes(), &mut Vec::new())
     }
 

@@ -46,17 +46,11 @@ fn read_image(
         (Some(uri), _) => read_uri(buffers.folder(), uri),
         (None, Some(view)) => match document.views().nth(view.value()) {
             Some(view) => buffers.view(&view).map(<[u8]>::to_vec),
-            None => Err("its data is missing".to_owned()),
+            None => Err("has no data".to_owned()),
         },
-        (None, None) => Err("it has no data".to_owned()),
+        (None, None) => Err("has no data".to_owned()),
     };
-    match bytes {
-        Ok(bytes) => decode_texture(&name, &bytes, warnings),
-        Err(problem) => {
-            warnings.push(format!("texture {name}: {problem}: the base colour is used instead"));
-            None
-        }
-    }
+    decode_texture(&name, bytes, warnings)
 }
 
 /// How a material's texture coordinates are changed (`KHR_texture_transform`), and which set they are taken from.

@@ -4,7 +4,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::{Material, Mesh, TexturedMesh, glb, gltf, obj, off, ply};
-use crate::error::{Error, Result};
+use crate::error::Error;
+
 use crate::files::write_bytes_atomically;
 
 /// Reads a mesh: Wavefront OBJ with its MTL and textures, PLY, OFF, glTF or GLB, by the path's extension.
@@ -16,7 +17,7 @@ use crate::files::write_bytes_atomically;
 /// # Errors
 /// When the file cannot be read, its format is not known or not kept, a face names a vertex that is not there, or a
 /// vertex is not finite.
-pub fn read_mesh(path: impl AsRef<Path>) -> Result<TexturedMesh> {
+pub fn read_mesh(path: impl AsRef<Path>) -> crate::Result<TexturedMesh> {
     read_mesh_with_warnings(path, &mut Vec::new())
 }
 
@@ -24,7 +25,7 @@ pub fn read_mesh(path: impl AsRef<Path>) -> Result<TexturedMesh> {
 ///
 /// # Errors
 /// As [`read_mesh`].
-pub fn read_mesh_with_warnings(path: impl AsRef<Path>, warnings: &mut Vec<String>) -> Result<TexturedMesh> {
+pub fn read_mesh_with_warnings(path: impl AsRef<Path>, warnings: &mut Vec<String>) -> crate::Result<TexturedMesh> {
     let path = path.as_ref();
     let read = match extension(path).as_str() {
         "obj" => obj::read,
@@ -46,7 +47,7 @@ pub fn read_mesh_with_warnings(path: impl AsRef<Path>, warnings: &mut Vec<String
 ///
 /// # Errors
 /// When the extension is none of these, or the file cannot be written.
-pub fn write_mesh(path: impl AsRef<Path>, mesh: &Mesh) -> Result<()> {
+pub fn write_mesh(path: impl AsRef<Path>, mesh: &Mesh) -> crate::Result<()> {
     let path = path.as_ref();
     let bytes = match extension(path).as_str() {
         "obj" => obj::encode(mesh),
@@ -66,7 +67,7 @@ fn unknown_format(path: &Path, extension: &str, known: &str) -> Error {
 }
 
 /// What no reader may hand out: it would be an index out of bounds or a NaN somewhere else.
-fn check(path: &Path, mesh: &Mesh) -> Result<()> {
+fn check(path: &Path, mesh: &Mesh) -> crate::Result<()> {
     let count = mesh.vertices.len();
     if let Some((face, index)) =
         mesh.faces.iter().enumerate().find_map(|(f, face)| Some((f, *face.iter().find(|i| **i as usize >= count)?)))
@@ -108,32 +109,33 @@ pub(super) fn find_reference(folder: &Path, name: &str) -> Option<PathBuf> {
     })
 }
 
-/// Decodes a texture, or says why there is none.
-pub(super) fn decode_texture(name: &str, bytes: &[u8], warnings: &mut Vec<String>) -> Option<Arc<image::RgbaImage>> {
-    match image::load_from_memory(bytes) {
-        Ok(texture) if texture.width() > 0 && texture.height() > 0 => Some(Arc::new(texture.to_rgba8())),
-        Ok(_) => {
-            warnings.push(format!("texture {name} is empty: the base colour is used instead"));
-            None
-        }
-        Err(problem) => {
-            warnings.push(format!("texture {name} cannot be decoded ({problem}): the base colour is used instead"));
-            None
-        }
+/// Tells of something once, however many materials share it.
+pub(super) fn warn_once(warnings: &mut Vec<String>, warning: String) {
+    if !warnings.contains(&warning) {
+        warnings.push(warning);
     }
 }
 
-/// Reads the texture that a material of `folder` names, or says why there is none.
-pub(super) fn read_texture(folder: &Path, name: &str, warnings: &mut Vec<String>) -> Option<Arc<image::RgbaImage>> {
-    let Some(path) = find_reference(folder, name) else {
-        warnings.push(format!("texture {name} is not there: the base colour is used instead"));
-        return None;
-    };
-    match std::fs::read(&path) {
-        Ok(bytes) => decode_texture(name, &bytes, warnings),
-        Err(problem) => {
-            warnings.push(format!("texture {name} cannot be read ({problem}): the base colour is used instead"));
-            None
-        }
+/// A texture out of the bytes of its file; where there is none, a warning says why.
+pub(super) fn decode_texture(
+    name: &str,
+    bytes: Result<Vec<u8>, String>,
+    warnings: &mut Vec<String>,
+) -> Option<Arc<image::RgbaImage>> {
+    let texture =
+        bytes.and_then(|bytes| image::load_from_memory(&bytes).map_err(|e| format!("cannot be decoded: {e}")));
+    match texture {
+        Ok(texture) if texture.width() > 0 && texture.height() > 0 => return Some(Arc::new(texture.to_rgba8())),
+        Ok(_) => warn_once(warnings, format!("texture {name} is empty: the base colour is used instead")),
+        Err(problem) => warn_once(warnings, format!("texture {name} {problem}: the base colour is used instead")),
     }
+    None
+}
+
+/// The texture that a material in `folder` names; where there is none, a warning says why.
+pub(super) fn read_texture(folder: &Path, name: &str, warnings: &mut Vec<String>) -> Option<Arc<image::RgbaImage>> {
+    let bytes = find_reference(folder, name)
+        .ok_or("is not there".to_owned())
+        .and_then(|path| std::fs::read(path).map_err(|e| format!("cannot be read: {e}")));
+    decode_texture(name, bytes, warnings)
 }

@@ -14,7 +14,7 @@ use super::io::{find_reference, white};
 use super::mtl::{self, ObjMaterial};
 use super::polygon::triangulate;
 use super::{Material, Mesh, TexturedMesh};
-use crate::error::{Error, Result};
+use crate::error::Error;
 
 /// One corner of a face: position, texture coordinate and normal, counted from 0.
 type Corner = (usize, Option<usize>, Option<usize>);
@@ -22,7 +22,7 @@ type Corner = (usize, Option<usize>, Option<usize>);
 /// Reads positions, vertex colours, texture coordinates, normals, faces and materials; lines and points are left out.
 ///
 /// A vertex that is used with several normals (a hard edge) is split, so that each has one.
-pub(super) fn read(path: &Path, bytes: &[u8], warnings: &mut Vec<String>) -> Result<TexturedMesh> {
+pub(super) fn read(path: &Path, bytes: &[u8], warnings: &mut Vec<String>) -> crate::Result<TexturedMesh> {
     let mut reader = ObjReader { folder: path.parent().unwrap_or(Path::new("")).to_owned(), ..ObjReader::default() };
     let text = String::from_utf8_lossy(bytes);
     let mut logical = String::new();
@@ -59,7 +59,7 @@ struct ObjReader {
 }
 
 impl ObjReader {
-    fn statement(&mut self, line: &str, warnings: &mut Vec<String>) -> std::result::Result<(), String> {
+    fn statement(&mut self, line: &str, warnings: &mut Vec<String>) -> Result<(), String> {
         let line = line.split('#').next().unwrap_or_default().trim();
         let mut words = line.split_whitespace();
         let keyword = words.next().unwrap_or_default();
@@ -84,10 +84,9 @@ impl ObjReader {
         Ok(())
     }
 
-    fn vertex(&mut self, words: SplitWhitespace) -> std::result::Result<(), String> {
-        let values: Vec<f32> = words
-            .map(|w| w.parse().map_err(|_| format!("`{w}` is not a number")))
-            .collect::<std::result::Result<_, _>>()?;
+    fn vertex(&mut self, words: SplitWhitespace) -> Result<(), String> {
+        let values: Vec<f32> =
+            words.map(|w| w.parse().map_err(|_| format!("`{w}` is not a number"))).collect::<Result<_, _>>()?;
         if values.len() < 3 {
             return Err(format!("a vertex has {} coordinates instead of 3", values.len()));
         }
@@ -107,8 +106,8 @@ impl ObjReader {
         Ok(())
     }
 
-    fn face(&mut self, words: SplitWhitespace) -> std::result::Result<(), String> {
-        let corners: Vec<Corner> = words.map(|w| self.corner(w)).collect::<std::result::Result<_, _>>()?;
+    fn face(&mut self, words: SplitWhitespace) -> Result<(), String> {
+        let corners: Vec<Corner> = words.map(|w| self.corner(w)).collect::<Result<_, _>>()?;
         let outline: Vec<Vec3> = corners.iter().map(|c| self.positions[c.0]).collect();
         for triangle in triangulate(&outline) {
             self.triangles.push(triangle.map(|i| corners[i]));
@@ -118,7 +117,7 @@ impl ObjReader {
     }
 
     /// `v`, `v/vt`, `v//vn` or `v/vt/vn`; indices count from 1, negative ones backwards from the latest.
-    fn corner(&self, word: &str) -> std::result::Result<Corner, String> {
+    fn corner(&self, word: &str) -> Result<Corner, String> {
         let mut parts = word.split('/');
         let mut index = |count: usize, what: &str| match parts.next() {
             None | Some("") => Ok(None),
@@ -234,11 +233,7 @@ fn split_by_normal(mesh: &mut Mesh, triangles: &[[Corner; 3]], file_normals: &[V
 }
 
 /// At least `required` numbers of a line; those that are left out are 0.
-fn numbers<const N: usize>(
-    words: &mut SplitWhitespace,
-    what: &str,
-    required: usize,
-) -> std::result::Result<[f32; N], String> {
+fn numbers<const N: usize>(words: &mut SplitWhitespace, what: &str, required: usize) -> Result<[f32; N], String> {
     let mut values = [0.0; N];
     for (i, value) in values.iter_mut().enumerate() {
         *value = match words.next() {
@@ -277,7 +272,7 @@ pub(super) fn encode(mesh: &Mesh) -> Vec<u8> {
 mod tests {
     use super::*;
 
-    fn parse(text: &str) -> Result<TexturedMesh> {
+    fn parse(text: &str) -> crate::Result<TexturedMesh> {
         read(Path::new("test.obj"), text.as_bytes(), &mut Vec::new())
     }
 

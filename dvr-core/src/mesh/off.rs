@@ -8,15 +8,15 @@ use glam::Vec3;
 use super::io::white;
 use super::polygon::triangulate;
 use super::{Mesh, TexturedMesh};
-use crate::error::{Error, Result};
+use crate::error::Error;
 
 /// Reads positions, faces, and per-vertex normals and colours. Colours of faces are left out.
-pub(super) fn read(path: &Path, bytes: &[u8], _warnings: &mut Vec<String>) -> Result<TexturedMesh> {
+pub(super) fn read(path: &Path, bytes: &[u8], _warnings: &mut Vec<String>) -> crate::Result<TexturedMesh> {
     let text = String::from_utf8_lossy(bytes);
     parse(&text).map_err(|problem| Error::format(path, problem, "Export the mesh again, as ASCII OFF, PLY or OBJ."))
 }
 
-fn parse(text: &str) -> std::result::Result<TexturedMesh, String> {
+fn parse(text: &str) -> Result<TexturedMesh, String> {
     let mut lines = text.lines().map(|l| l.split('#').next().unwrap_or_default().trim()).filter(|l| !l.is_empty());
     let first = lines.next().ok_or("the file is empty")?;
     // "OFF", and in some collections the counts right behind it.
@@ -50,11 +50,11 @@ fn parse(text: &str) -> std::result::Result<TexturedMesh, String> {
 }
 
 /// `x y z [nx ny nz] [r g b [a]]`.
-fn vertex(mesh: &mut Mesh, line: &str) -> std::result::Result<(), String> {
+fn vertex(mesh: &mut Mesh, line: &str) -> Result<(), String> {
     let values: Vec<f32> = line
         .split_whitespace()
         .map(|w| w.parse().map_err(|_| format!("`{w}` in `{line}` is not a number")))
-        .collect::<std::result::Result<_, _>>()?;
+        .collect::<Result<_, _>>()?;
     let mut triples = values.chunks_exact(3).map(|c| [c[0], c[1], c[2]]);
     let mut next = || triples.next().ok_or(format!("`{line}` has too few numbers for a vertex"));
     mesh.vertices.push(Vec3::from(next()?));
@@ -68,7 +68,7 @@ fn vertex(mesh: &mut Mesh, line: &str) -> std::result::Result<(), String> {
 }
 
 /// `n i1 ... in [colour]`.
-fn face(mesh: &mut Mesh, line: &str) -> std::result::Result<(), String> {
+fn face(mesh: &mut Mesh, line: &str) -> Result<(), String> {
     let mut words = line.split_whitespace();
     let count: usize = words.next().and_then(|w| w.parse().ok()).ok_or(format!("`{line}` is not a face"))?;
     let corners = integers(&words.take(count).collect::<Vec<_>>().join(" "))?;
@@ -83,7 +83,7 @@ fn face(mesh: &mut Mesh, line: &str) -> std::result::Result<(), String> {
     Ok(())
 }
 
-fn integers(line: &str) -> std::result::Result<Vec<usize>, String> {
+fn integers(line: &str) -> Result<Vec<usize>, String> {
     line.split_whitespace().map(|w| w.parse().map_err(|_| format!("`{w}` in `{line}` is not a whole number"))).collect()
 }
 

@@ -1,0 +1,214 @@
+//! What can be turned about a synthetic dataset.
+
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+
+use crate::error::{Error, Result};
+
+/// How a mesh is turned into a dataset. The defaults are those of the scenes that DVR implementations are compared on.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SynthConfig {
+    /// How many views; 24.
+    pub views: usize,
+    /// Image width in pixels; 64.
+    pub width: u32,
+    /// Image height in pixels; 64.
+    pub height: u32,
+    /// Where the cameras stand; all over the sphere.
+    pub placement: CameraPlacement,
+    /// How far, at most, a camera leaves its regular place, as a share of the cameras' mean distance; 0.25.
+    pub jitter: f64,
+    /// Distance of the cameras from the middle of the object, in object units; 1.5.
+    pub distance: f64,
+    /// Focal length in halves of the image's shorter side; 1.75.
+    pub focal: f64,
+    /// Longest edge of the object's bounding box in object units, i.e. within the cube of edge 1; 0.9.
+    pub object_edge: f64,
+    /// Samples along each axis of a pixel: 4 gives 16 a pixel.
+    pub samples_per_axis: u32,
+    /// What the colour of a pixel on the silhouette is made of; the object alone.
+    pub edge_color: EdgeColor,
+    /// sRGB background in `[0, 1]`; white.
+    pub background: [f32; 3],
+    /// The light.
+    pub lighting: Lighting,
+    /// Standard deviation of the noise that is added to sRGB values in `[0, 1]`; 0.
+    pub noise: f32,
+    /// Standard deviation of the exposure from view to view, in stops (factors of two of the light); 0.
+    pub exposure_jitter: f32,
+    /// Whether depth maps are written; yes.
+    pub depth_maps: bool,
+    /// Points on the surface in `pointcloud.npz`; 100 000, 0 leaves the file out.
+    pub surface_points: usize,
+    /// Points of the padded unit cube in `points.npz`; 100 000, 0 leaves the file out.
+    pub occupancy_points: usize,
+    /// Seed of everything random; equal seeds give equal files.
+    pub seed: u64,
+}
+
+impl Default for SynthConfig {
+    fn default() -> Self {
+        Self {
+            views: 24,
+            width: 64,
+            height: 64,
+            placement: CameraPlacement::Sphere,
+            jitter: 0.25,
+            distance: 1.5,
+            focal: 1.75,
+            object_edge: 0.9,
+            samples_per_axis: 4,
+            edge_color: EdgeColor::Object,
+            background: [1.0; 3],
+            lighting: Lighting::default(),
+            noise: 0.0,
+            exposure_jitter: 0.0,
+            depth_maps: true,
+            surface_points: 100_000,
+            occupancy_points: 100_000,
+            seed: 0,
+        }
+    }
+}
+
+impl SynthConfig {
+    /// Refuses what cannot be rendered, before anything is.
+    ///
+    /// # Errors
+    /// [`Error::Scene`] with the name of the value that is out of range.
+    pub fn check(&self) -> Result<()> {
+        let positive = [
+            ("views", self.views as f64),
+            ("width", f64::from(self.width)),
+            ("height", f64::from(self.height)),
+            ("distance", self.distance),
+            ("focal", self.focal),
+            ("object_edge", self.object_edge),
+            ("samples_per_axis", f64::from(self.samples_per_axis)),
+        ];
+        let not_negative = [
+            ("jitter", self.jitter),
+            ("noise", f64::from(self.noise)),
+            ("exposure_jitter", f64::from(self.exposure_jitter)),
+        ];
+        let wrong = positive.iter().find(|(_, v)| !v.is_finite() || *v <= 0.0);
+        if let Some((name, value)) = wrong.or(not_negative.iter().find(|(_, v)| !v.is_finite() || *v < 0.0)) {
+            return Err(Error::scene(format!("`{name}` is {value}"), format!("Give a sensible value for `{name}`.")));
+        }
+        if self.object_edge > 1.0 {
+            let problem = format!("`object_edge` is {}, larger than the unit cube", self.object_edge);
+            return Err(Error::scene(problem, "Give a value of at most 1."));
+        }
+        // The corner of the cube is sqrt(3)/2 away: a camera inside the object's ball sees no silhouette.
+        if self.distance <= 0.5 * 3f64.sqrt() * self.object_edge {
+            let problem = format!("`distance` is {}: cameras would stand inside the object", self.distance);
+            return Err(Error::scene(problem, "Give a distance of at least 1."));
+        }
+        Ok(())
+    }
+}
+
+/// Where cameras stand. All look at the middle of the object; the mesh's y axis points up.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum CameraPlacement {
+    /// All over the sphere, on a Fibonacci spiral.
+    #[default]
+    Sphere,
+    /// The upper half of that: a thing on a table.
+    UpperHemisphere,
+    /// A ring around the y axis: a turntable.
+    Ring {
+        /// Height of the ring in degrees above the object's middle.
+        elevation: f64,
+    },
+}
+
+/// What the colour of a pixel that the object fills only partly is made of.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum EdgeColor {
+    /// The object's colour, where it fills half of the pixel or more, and else the background's. Image and mask agree, and
+    /// no background bleeds into what the texture is learned from.
+    #[default]
+    Object,
+    /// Object and background in proportion, as a camera and most renderers have it.
+    Mixed,
+}
+
+/// Light that is fixed to the object, so that its colours are the same from everywhere (but for `headlight` and `specular`).
+///
+/// Intensities are linear: a white surface that faces a light of intensity 1 reflects 1.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Lighting {
+    /// Light from everywhere; 0.4.
+    pub ambient: f32,
+    /// Lights from far away; a bright one from above on one side and a dim one from below on the other.
+    pub lights: Vec<DirectionalLight>,
+    /// Light from the camera; 0.
+    pub headlight: f32,
+    /// Strength of white highlights (Blinn 1977); 0, a matt surface.
+    pub specular: f32,
+    /// Sharpness of the highlights, Blinn's exponent; 40.
+    pub shininess: f32,
+    /// Whether the lights throw shadows; no.
+    pub shadows: bool,
+}
+
+impl Default for Lighting {
+    fn default() -> Self {
+        Self {
+            ambient: 0.4,
+            lights: vec![
+                DirectionalLight { direction: DVec3::new(0.5, 0.8, 0.4), intensity: 0.5 },
+                DirectionalLight { direction: DVec3::new(-0.6, -0.3, -0.7), intensity: 0.2 },
+            ],
+            headlight: 0.0,
+            specular: 0.0,
+            shininess: 40.0,
+            shadows: false,
+        }
+    }
+}
+
+/// A light that is far away.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DirectionalLight {
+    /// Where it comes from, of any length but zero, in the mesh's axes.
+    pub direction: DVec3,
+    /// Linear intensity.
+    pub intensity: f32,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_defaults_can_be_rendered_and_nonsense_cannot() {
+        assert!(SynthConfig::default().check().is_ok());
+        for broken in [
+            SynthConfig { views: 0, ..SynthConfig::default() },
+            SynthConfig { focal: f64::NAN, ..SynthConfig::default() },
+            SynthConfig { noise: -0.1, ..SynthConfig::default() },
+            SynthConfig { object_edge: 1.5, distance: 9.0, ..SynthConfig::default() },
+            SynthConfig { distance: 0.5, ..SynthConfig::default() },
+        ] {
+            assert!(broken.check().is_err(), "{broken:?}");
+        }
+    }
+
+    #[test]
+    fn a_file_may_name_only_what_it_changes_and_nothing_else() {
+        let config: SynthConfig = serde_json::from_str(
+            r#"{"views": 3, "placement": {"ring": {"elevation": 20}}, "lighting": {"ambient": 1}}"#,
+        )
+        .unwrap();
+        assert_eq!((config.views, config.width, config.lighting.ambient), (3, 64, 1.0));
+        assert_eq!(config.placement, CameraPlacement::Ring { elevation: 20.0 });
+        assert!(serde_json::from_str::<SynthConfig>(r#"{"vews": 3}"#).is_err());
+    }
+}

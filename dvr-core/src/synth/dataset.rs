@@ -1,0 +1,183 @@
+//! Writing a rendered object in the layout of the DVR datasets.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use glam::{DMat4, DVec3, Vec3};
+use rayon::prelude::*;
+
+use super::config::SynthConfig;
+use super::lists::{append_to_lists, check_name, register_category};
+use super::placement::place_cameras;
+use super::render::MeshRenderer;
+use crate::camera::{Camera, Similarity};
+use crate::error::{Error, Result};
+use crate::files::{write_depth_exr, write_gray_png, write_rgb_png};
+use crate::inside::points_inside;
+use crate::mesh::{Mesh, TexturedMesh};
+use crate::npz::{Array, Values, write_npz};
+use crate::ray::UnitCube;
+use crate::sampling::{sample_cube, sample_surface};
+
+/// Renders a mesh to `<out>/<category>/<name>`, and adds it to the lists of the category and to `<out>/metadata.yaml`.
+///
+/// The object is in all three lists, `train.lst`, `val.lst` and `test.lst`: a scene of its own. `progress` is told how many
+/// views are done, and of how many, from whichever thread finishes one. The folder appears when everything is in it.
+///
+/// Files: `image/%04d.png`, `mask/%04d.png` (0 or 255), `depth/%04d.exr` (z in the mesh's units, background `+inf`),
+/// `cameras.npz` (`camera_mat_i`, `world_mat_i`, `scale_mat_i`), `pointcloud.npz` (surface points and normals in object
+/// space; `loc` and `scale` lead to the mesh's units), `points.npz` (points of the padded cube in object space, and whether
+/// each is inside by its winding number, so that overlapping parts are united and small holes are closed).
+///
+/// # Errors
+/// [`Error::Scene`] where the mesh has no extent, the configuration or a name is unusable, or the folder is there already;
+/// [`Error::Io`] where something cannot be written.
+pub fn render_dataset(
+    mesh: &TexturedMesh,
+    name: &str,
+    category: &str,
+    out: &Path,
+    config: &SynthConfig,
+    progress: &(dyn Fn(usize, usize) + Sync),
+) -> Result<()> {
+    render_object(mesh, name, category, out, config, progress)?;
+    append_to_lists(&out.join(category), name)?;
+    register_category(out, category)
+}
+
+/// [`render_dataset`] without lists and metadata.
+pub(super) fn render_object(
+    mesh: &TexturedMesh,
+    name: &str,
+    category: &str,
+    out: &Path,
+    config: &SynthConfig,
+    progress: &(dyn Fn(usize, usize) + Sync),
+) -> Result<()> {
+    config.check()?;
+    check_name("object", name)?;
+    check_name("category", category)?;
+    let folder = out.join(category).join(name);
+    if folder.exists() {
+        let problem = format!("{} is there already", folder.display());
+        return Err(Error::scene(problem, "Delete it, or choose another name or folder."));
+    }
+    let (mesh, object_to_world) = normalized(mesh, config.object_edge)?;
+    let partial = PartialFolder::create(out.join(category).join(format!(".{name}.partial")))?;
+    write_views(&mesh, &object_to_world, &partial.path, config, progress)?;
+    write_ground_truth(&mesh.mesh, &object_to_world, &partial.path, config)?;
+    partial.finish(&folder)
+}
+
+/// The mesh in object space, its longest edge `edge`, and the way back to its own units.
+///
+/// # Errors
+/// [`Error::Scene`] where the faces have no extent.
+pub(super) fn normalized(textured: &TexturedMesh, edge: f64) -> Result<(TexturedMesh, Similarity)> {
+    // Vertices that no face uses are not to be seen.
+    let used = || textured.mesh.faces.iter().flatten().map(|&i| textured.mesh.vertices[i as usize].as_dvec3());
+    let low = used().fold(DVec3::INFINITY, DVec3::min);
+    let high = used().fold(DVec3::NEG_INFINITY, DVec3::max);
+    let longest = (high - low).max_element();
+    if !longest.is_finite() || longest <= 0.0 {
+        let count = textured.mesh.faces.len();
+        return Err(Error::scene(format!("a mesh of {count} faces has no extent"), "Give a mesh with a surface."));
+    }
+    let object_to_world =
+        Similarity { scale: longest / edge, translation: 0.5 * (low + high), ..Similarity::default() };
+    let mesh = textured.mesh.clone().transformed(&object_to_world.inverse());
+    Ok((TexturedMesh { mesh, ..textured.clone() }, object_to_world))
+}
+
+fn write_views(
+    mesh: &TexturedMesh,
+    object_to_world: &Similarity,
+    folder: &Path,
+    config: &SynthConfig,
+    progress: &(dyn Fn(usize, usize) + Sync),
+) -> Result<()> {
+    for kind in ["image", "mask"].into_iter().chain(config.depth_maps.then_some("depth")) {
+        create_folder(&folder.join(kind))?;
+    }
+    let cameras = place_cameras(config);
+    let renderer = MeshRenderer::new(mesh, config);
+    let done = AtomicUsize::new(0);
+    cameras.par_iter().enumerate().try_for_each(|(i, camera)| {
+        let view = renderer.render(camera, i as u64);
+        write_rgb_png(&folder.join(format!("image/{i:04}.png")), &view.image)?;
+        write_gray_png(&folder.join(format!("mask/{i:04}.png")), &view.mask.coverage)?;
+        if config.depth_maps {
+            let in_world_units = view.depth.scaled(object_to_world.scale as f32);
+            write_depth_exr(&folder.join(format!("depth/{i:04}.exr")), &in_world_units)?;
+        }
+        progress(done.fetch_add(1, Ordering::Relaxed) + 1, cameras.len());
+        Ok(())
+    })?;
+    write_cameras(&folder.join("cameras.npz"), &cameras, object_to_world)
+}
+
+/// `camera_mat @ world_mat @ scale_mat @ p` lies in `[-1, 1]`, with (-1, -1) the top left corner of the image.
+fn write_cameras(path: &Path, cameras: &[Camera], object_to_world: &Similarity) -> Result<()> {
+    let array = |m: &DMat4| Array::f64(&[4, 4], m.transpose().to_cols_array().to_vec());
+    let mut arrays = Vec::new();
+    for (i, camera) in cameras.iter().enumerate() {
+        // Pixels from the corner to [-1, 1].
+        let half = 0.5 * DVec3::new(f64::from(camera.width), f64::from(camera.height), 2.0);
+        let to_unit = glam::DMat3::from_cols(DVec3::X / half.x, DVec3::Y / half.y, DVec3::new(-1.0, -1.0, 1.0));
+        arrays.push((format!("camera_mat_{i}"), array(&DMat4::from_mat3(to_unit * camera.intrinsics))));
+        arrays.push((format!("world_mat_{i}"), array(&camera.into_world(object_to_world).world_to_camera())));
+        arrays.push((format!("scale_mat_{i}"), array(&object_to_world.to_matrix())));
+    }
+    write_npz(path, &arrays.iter().map(|(name, array)| (name.as_str(), array)).collect::<Vec<_>>())
+}
+
+fn write_ground_truth(mesh: &Mesh, object_to_world: &Similarity, folder: &Path, config: &SynthConfig) -> Result<()> {
+    let vectors = |v: &[Vec3]| Array::f32(&[v.len(), 3], v.iter().flat_map(Vec3::to_array).collect());
+    if config.surface_points > 0 {
+        let samples = sample_surface(mesh, config.surface_points, config.seed);
+        let location = Array::f32(&[3], object_to_world.translation.as_vec3().to_array().to_vec());
+        let scale = Array::f32(&[], vec![object_to_world.scale as f32]);
+        let (points, normals) = (vectors(&samples.points), vectors(&samples.normals));
+        let arrays = [("points", &points), ("normals", &normals), ("loc", &location), ("scale", &scale)];
+        write_npz(&folder.join("pointcloud.npz"), &arrays)?;
+    }
+    if config.occupancy_points > 0 {
+        let points = sample_cube(UnitCube::default(), config.occupancy_points, config.seed);
+        let inside = points_inside(mesh, &points);
+        let occupancies = Array { shape: vec![inside.len()], values: Values::Bool(inside) };
+        let arrays = [("points", &vectors(&points)), ("occupancies", &occupancies)];
+        write_npz(&folder.join("points.npz"), &arrays)?;
+    }
+    Ok(())
+}
+
+fn create_folder(path: &Path) -> Result<()> {
+    std::fs::create_dir_all(path).map_err(|e| Error::io(path, e))
+}
+
+/// A folder under a temporary name, deleted unless it is finished.
+struct PartialFolder {
+    path: PathBuf,
+}
+
+impl PartialFolder {
+    /// Starts an empty folder; what a run that was killed left there is deleted.
+    fn create(path: PathBuf) -> Result<Self> {
+        if path.exists() {
+            std::fs::remove_dir_all(&path).map_err(|e| Error::io(&path, e))?;
+        }
+        create_folder(&path)?;
+        Ok(Self { path })
+    }
+
+    fn finish(self, name: &Path) -> Result<()> {
+        std::fs::rename(&self.path, name).map_err(|e| Error::io(name, e))
+    }
+}
+
+impl Drop for PartialFolder {
+    fn drop(&mut self) {
+        // After `finish` there is nothing under this name; after an error the error matters more than what is left.
+        let _ = std::fs::remove_dir_all(&self.path);
+    }
+}
