@@ -3,6 +3,7 @@
 #![warn(missing_docs)]
 
 mod camera;
+pub mod dataset;
 mod error;
 pub mod files;
 pub mod hull;
@@ -21,4 +22,4 @@ pub use error::{Error, Result};
 pub use points::{OccupancySamples, PointCloud};
 pub use raster::{DepthMap, Mask};
 pub use ray::{Ray, UnitCube};
-pub use scene::{GroundTruth, Scene, Split, View};
+pub use scene::{GroundTruth, Scene, SparsePoints, Split, View};
