@@ -11,7 +11,7 @@ use super::dvr::image_folder;
 use super::found::{Coordinates, Found, FoundView, Place, Projection};
 use super::masks::find_masks;
 use super::matrices::{numbers_of, read_matrix};
-use super::pairing::{camera_indices, list_files, pictures, view_names};
+use super::pairing::{camera_indices, folder_of, list_files, pictures, view_names};
 use crate::camera::Similarity;
 use crate::error::{Error, Result};
 use crate::npz::NpzFile;
@@ -30,7 +30,7 @@ pub(super) fn find(path: &Path) -> Result<Found> {
     let cameras = cameras_file(path).ok_or_else(|| {
         Error::format(path, "there is no cameras_sphere.npz and no cameras.npz", "Give the folder that holds it.")
     })?;
-    let root = cameras.parent().map(Path::to_owned).unwrap_or_default();
+    let root = folder_of(&cameras);
     let image_folder = image_folder(&root)?;
     let images = list_files(&image_folder, pictures())?;
     let relative: Vec<PathBuf> = images.iter().filter_map(|path| path.file_name()).map(PathBuf::from).collect();

@@ -87,11 +87,9 @@ pub fn detect_format(path: &Path) -> Result<Format> {
     if path.is_dir() && colmap::model_folder(path).is_some() {
         return Ok(Format::Colmap);
     }
-    if let Some(cameras) = idr::cameras_file(path)
-        && (cameras.ends_with("cameras_sphere.npz")
-            || matrices::numbers_of(&NpzFile::open(&cameras)?, "camera_mat").is_empty())
-    {
-        return Ok(Format::Idr);
+    if let Some(cameras) = idr::cameras_file(path) {
+        let is_dvr = !matrices::numbers_of(&NpzFile::open(&cameras)?, "camera_mat").is_empty();
+        return Ok(if is_dvr && !cameras.ends_with("cameras_sphere.npz") { Format::Dvr } else { Format::Idr });
     }
     if path.is_dir() && (dvr::cameras_file(path).is_some() || !list_objects(path, None)?.is_empty()) {
         return Ok(Format::Dvr);

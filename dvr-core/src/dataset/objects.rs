@@ -2,8 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use super::dvr::cameras_file;
-use super::pairing::{folder_name, natural_order};
+use super::dvr::{IMAGE_FOLDERS, cameras_file};
+use super::pairing::{folder_name, folder_of, natural_order};
 use crate::error::{Error, Result};
 use crate::files::read_text;
 use crate::scene::Split;
@@ -47,11 +47,16 @@ pub fn list_objects(root: &Path, split: Option<Split>) -> Result<Vec<ObjectRef>>
     Ok(objects)
 }
 
-/// The folder of the object at `path`: itself, or the only object of the category or dataset that it is.
+/// The folder of the object at `path`: itself, that of its cameras' file, or the only object of a category or dataset.
 ///
 /// # Errors
 /// [`Error::Scene`] listing the objects where there are several.
 pub(super) fn object_folder(path: &Path) -> Result<PathBuf> {
+    if path.is_file() {
+        let folder = folder_of(path);
+        let object = if IMAGE_FOLDERS.iter().any(|name| folder.ends_with(name)) { folder_of(&folder) } else { folder };
+        return Ok(object);
+    }
     if cameras_file(path).is_some() {
         return Ok(path.to_owned());
     }

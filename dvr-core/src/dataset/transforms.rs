@@ -11,10 +11,10 @@ use serde::Deserialize;
 
 use super::found::{Found, FoundView, Place, Projection, is_rotation};
 use super::masks::find_masks;
-use super::pairing::{partners, pictures, sub_folder, view_names};
+use super::pairing::{folder_of, partners, pictures, sub_folder, view_names};
 use crate::camera::Similarity;
 use crate::error::{Error, Result};
-use crate::files::{read_bytes, read_photo};
+use crate::files::{image_size, read_bytes};
 use crate::scene::{GroundTruth, Split};
 
 /// The files of a dataset with splits.
@@ -81,7 +81,7 @@ pub(super) fn find(path: &Path) -> Result<Found> {
     let Some((cameras, _)) = files.first().cloned() else {
         return Err(Error::format(path, "there is no transforms.json", "Give the folder or the file itself."));
     };
-    let root = cameras.parent().map(Path::to_owned).unwrap_or_default();
+    let root = folder_of(&cameras);
     let mut warnings = Vec::new();
     let mut listed = Vec::new();
     for (file, split) in &files {
@@ -136,7 +136,7 @@ fn find_frames(
         lens.check().map_err(|problem| wrong(problem, "Undistort the images (COLMAP's image_undistorter) first."))?;
         let size = match lens.size() {
             Some(size) => size,
-            None => read_photo(&image)?.image.dimensions(),
+            None => image_size(&image)?,
         };
         let intrinsics = lens.intrinsics(size).ok_or_else(|| {
             wrong("there is no focal length".to_owned(), "Give `fl_x` in pixels, or `camera_angle_x` in radians.")

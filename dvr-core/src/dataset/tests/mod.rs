@@ -1,6 +1,7 @@
 //! A small scene with known answers, written in every layout by the tests themselves.
 
 mod bad_input;
+mod colmap_models;
 mod fixtures;
 mod formats;
 mod options;

@@ -1,5 +1,6 @@
 //! The scenes of `../shared`: real photographs, other people's files, and renders whose truth is known.
 
+use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 
 use super::*;
@@ -74,6 +75,39 @@ fn rendered_surfaces_fall_on_their_masks_at_their_depths() {
     }
 }
 
+/// Mean distance of a depth map's points from the planes of the true surface, for rays `shift` pixels off the centres.
+fn plane_distance(scene: &Scene, tree: &ImmutableKdTree<f64, 3>, shift: f64) -> f64 {
+    let surface = scene.ground_truth.surface.as_ref().unwrap();
+    let normals = surface.normals.as_ref().unwrap();
+    let distances: Vec<f64> = scene.views[..6]
+        .par_iter()
+        .flat_map_iter(|view| {
+            let depth = view.depth.as_ref().unwrap();
+            let pixels = (0..depth.height).flat_map(|v| (0..depth.width).map(move |u| (u, v)));
+            pixels.filter(|&(u, v)| depth.get(u, v).is_finite()).map(|(u, v)| {
+                let pixel = DVec2::new(u.into(), v.into()) + 0.5 + shift;
+                let point = view.camera.ray(pixel).at(depth.get(u, v).into());
+                let nearest = tree.query(&point.to_array()).nearest_one::<SquaredEuclidean<f64>>().execute();
+                let nearest = nearest.item as usize;
+                (point - surface.points[nearest].as_dvec3()).dot(normals[nearest].as_dvec3()).abs()
+            })
+        })
+        .collect();
+    distances.iter().sum::<f64>() / distances.len() as f64
+}
+
+#[test]
+fn depth_maps_are_exact_at_pixel_centres_and_nowhere_else() {
+    let Some(root) = shared("scenes/rendered/res64/bunny") else { return };
+    let scene = read(&root);
+    let points = scene.ground_truth.surface.as_ref().unwrap().points.iter().map(|p| p.as_dvec3().to_array());
+    let tree = ImmutableKdTree::new_from_slice(&points.collect::<Vec<_>>()).unwrap();
+    let [centre, corner, next] = [0.0, -0.5, 0.5].map(|shift| plane_distance(&scene, &tree, shift));
+    println!("bunny: {centre:.5} from the surface at pixel centres, {corner:.5} and {next:.5} at corners");
+    assert!(centre < 5e-4, "in units of the object cube");
+    assert!(corner > 5.0 * centre && next > 5.0 * centre);
+}
+
 #[test]
 fn the_dinosaur_and_the_temple_fill_the_cube() {
     let Some(root) = shared("scenes") else { return };
@@ -82,6 +116,7 @@ fn the_dinosaur_and_the_temple_fill_the_cube() {
         assert_eq!((scene.views.len(), scene.format, scene.name.as_str()), (16, "Middlebury", name));
         assert_eq!(scene.views[0].image.dimensions(), (640, 480));
         assert!(scene.object_to_world.scale > 0.05 && scene.object_to_world.scale < 0.3, "metres");
+        assert!(scene.warnings.is_empty(), "{:?}", scene.warnings);
         assert_placed(&scene, 12);
     }
 }
@@ -92,6 +127,7 @@ fn the_skull_fills_the_cube() {
     let scene = read(&root);
     assert_eq!((scene.views.len(), scene.format), (49, "IDR/NeuS"));
     assert!(scene.object_to_world.scale > 100.0 && scene.object_to_world.scale < 500.0, "millimetres");
+    assert!(scene.warnings.is_empty(), "{:?}", scene.warnings);
     assert_placed(&scene, 25);
     let by_idr = read(&root.join("cameras.npz"));
     assert!((by_idr.object_to_world.translation - scene.object_to_world.translation).length() < 1e-3);
