@@ -12,11 +12,19 @@ use rayon::prelude::*;
 
 use crate::mesh::Mesh;
 
-/// A group of triangles is expanded when it is farther than this many of its radii (the paper's beta).
+/// A group of triangles is expanded when it is farther than this many of its radii: the paper's beta, and its choice.
+/// The winding number is then wrong by 0.0045 at worst on spheres, and by 0.07 without the second-order terms.
 const FAR: f64 = 2.0;
 
 /// Triangles in a leaf of the tree.
 const LEAF: usize = 8;
+
+/// Triangles longer than this share of the mesh are split, as a group is never far from what it spans: without it, the
+/// bars of a wire frame are summed up one triangle at a time.
+const LONG: f64 = 1.0 / 32.0;
+
+/// Meshes of fewer triangles than this are not worth splitting.
+const FEW: usize = 256;
 
 /// For each point, whether it is inside the mesh: [`WindingNumbers::contains`] for many points, in parallel.
 ///
@@ -57,8 +65,12 @@ struct Node {
     radius: f64,
     /// Sum of the triangles' area vectors `a n`.
     dipole: DVec3,
-    /// Sum of `a n d^T`, `d` being the triangles' centroids relative to the centre.
+    /// Integral of `n d^T`, `d` being positions relative to the centre.
     quadrupole: DMat3,
+    /// Integrals of `n_i d d^T`, for each `i`.
+    octupole: [DMat3; 3],
+    /// Integral of `2 d (d . n) + n |d|^2`, the traces of the octupole.
+    octupole_trace: DVec3,
 }
 
 impl WindingNumbers {
@@ -68,6 +80,9 @@ impl WindingNumbers {
             .map(|face| mesh.triangle(face).map(|corner| corner.as_dvec3()))
             .filter(|corners| corners.iter().all(|corner| corner.is_finite()))
             .collect();
+        if triangles.len() >= FEW {
+            triangles = split_long(triangles);
+        }
         let mut nodes = Vec::new();
         if !triangles.is_empty() {
             let count = triangles.len();
@@ -76,7 +91,7 @@ impl WindingNumbers {
         Self { triangles, nodes }
     }
 
-    /// The winding number: 1 inside, 0 outside of a watertight mesh (to about 0.01, and exact near the surface), -1
+    /// The winding number: 1 inside, 0 outside of a watertight mesh (to about 0.005), -1
     /// inside one that is turned inside out, a half on the surface, and sums where solids overlap.
     pub fn at(&self, point: Vec3) -> f64 {
         let point = point.as_dvec3();
@@ -101,6 +116,33 @@ impl WindingNumbers {
     pub fn contains(&self, point: Vec3) -> bool {
         self.at(point).abs() > 0.5
     }
+}
+
+/// Halves the longest edges until none is long. This changes no solid angle but for rounding.
+fn split_long(mut pending: Vec<[DVec3; 3]>) -> Vec<[DVec3; 3]> {
+    let start = pending[0][0];
+    let corners = pending.iter().flatten();
+    let (low, high) = corners.fold((start, start), |(low, high), corner| (low.min(*corner), high.max(*corner)));
+    let limit = ((high - low).length() * LONG).powi(2);
+    let mut short = Vec::with_capacity(pending.len());
+    while let Some([a, b, c]) = pending.pop() {
+        let (ab, bc, ca) = (a.distance_squared(b), b.distance_squared(c), c.distance_squared(a));
+        // Turned so that the longest edge comes first.
+        let [a, b, c] = if ab >= bc.max(ca) {
+            [a, b, c]
+        } else if bc >= ca {
+            [b, c, a]
+        } else {
+            [c, a, b]
+        };
+        if ab.max(bc).max(ca) > limit {
+            let middle = a.midpoint(b);
+            pending.extend([[a, middle, c], [middle, b, c]]);
+        } else {
+            short.push([a, b, c]);
+        }
+    }
+    short
 }
 
 /// Makes the node of `triangles[first..end]` and, after it, those of its parts.
@@ -136,23 +178,53 @@ impl Node {
             plain += centroid(corners);
         }
         let center = if total > 0.0 { weighted / total } else { plain / triangles.len() as f64 };
-        let (mut quadrupole, mut radius) = (DMat3::ZERO, 0f64);
+        let mut node = Self {
+            first,
+            end: first + triangles.len(),
+            second_child: 0,
+            center,
+            radius: 0.0,
+            dipole,
+            quadrupole: DMat3::ZERO,
+            octupole: [DMat3::ZERO; 3],
+            octupole_trace: DVec3::ZERO,
+        };
         for corners in triangles {
-            let (vector, d) = (area_vector(corners), centroid(corners) - center);
-            quadrupole += DMat3::from_cols(vector * d.x, vector * d.y, vector * d.z);
-            radius = corners.iter().map(|corner| (*corner - center).length()).fold(radius, f64::max);
+            let (vector, middle) = (area_vector(corners), centroid(corners) - center);
+            node.quadrupole += outer(vector, middle);
+            // The mean of d d^T over a triangle, exactly: its corners weigh 1/12 each and its centroid 9/12.
+            let mut moment = 9.0 * outer(middle, middle);
+            for corner in corners {
+                let d = *corner - center;
+                moment += outer(d, d);
+                node.radius = node.radius.max(d.length());
+            }
+            moment *= 1.0 / 12.0;
+            for i in 0..3 {
+                node.octupole[i] += moment * vector[i];
+            }
+            node.octupole_trace += 2.0 * (moment * vector) + vector * trace(&moment);
         }
-        Self { first, end: first + triangles.len(), second_child: 0, center, radius, dipole, quadrupole }
+        node
     }
 
-    /// The solid angle of the group from afar: `sum (a n) . x / |x|^3` with `x = r + d`, expanded to first order in `d`.
+    /// The solid angle of the group from afar: the integral of `n . x / |x|^3` with `x = r + d`, to second order in `d`.
     fn expansion(&self, point: DVec3) -> f64 {
         let r = self.center - point;
         let squared = r.length_squared();
-        let cubed = squared * squared.sqrt();
-        let trace = self.quadrupole.x_axis.x + self.quadrupole.y_axis.y + self.quadrupole.z_axis.z;
-        (self.dipole.dot(r) + trace - 3.0 * r.dot(self.quadrupole * r) / squared) / cubed
+        let first = trace(&self.quadrupole) - 3.0 * r.dot(self.quadrupole * r) / squared;
+        let cubic = self.octupole[0] * r.x + self.octupole[1] * r.y + self.octupole[2] * r.z;
+        let second = 1.5 * (5.0 * r.dot(cubic * r) / squared - self.octupole_trace.dot(r)) / squared;
+        (self.dipole.dot(r) + first + second) / (squared * squared.sqrt())
     }
+}
+
+fn outer(a: DVec3, b: DVec3) -> DMat3 {
+    DMat3::from_cols(a * b.x, a * b.y, a * b.z)
+}
+
+fn trace(matrix: &DMat3) -> f64 {
+    matrix.x_axis.x + matrix.y_axis.y + matrix.z_axis.z
 }
 
 /// The signed solid angle of a triangle (Van Oosterom and Strackee 1983); positive if its back side is seen.
@@ -209,7 +281,7 @@ mod tests {
         let tree = WindingNumbers::new(&mesh);
         for point in sample_cube(UnitCube::default(), 300, 1) {
             let (fast, slow) = (tree.at(point), slow_winding_number(&mesh, point));
-            assert!((fast - slow).abs() < 0.01, "{fast} {slow} at {point}");
+            assert!((fast - slow).abs() < 0.006, "{fast} {slow} at {point}");
         }
     }
 
@@ -223,12 +295,20 @@ mod tests {
     }
 
     #[test]
+    fn a_point_right_below_a_corner_or_an_edge_is_inside_although_the_original_says_no() {
+        let mesh = sphere(0.4, 10);
+        let below: Vec<Vec3> = mesh.vertices.iter().map(|v| v.with_z(0.9 * v.z)).filter(|v| v.z.abs() > 0.01).collect();
+        assert!(points_inside(&mesh, &below).into_iter().all(|inside| inside));
+        assert_eq!(points_inside(&mesh, &[Vec3::ZERO, Vec3::Z * 0.39, Vec3::Z * 0.41]), [true, true, false]);
+    }
+
+    #[test]
     fn a_mesh_turned_inside_out_has_the_same_inside() {
         let (mut mesh, points) = (sphere(0.3, 10), sample_cube(UnitCube::default(), 500, 3));
         let before = points_inside(&mesh, &points);
         mesh.faces.iter_mut().for_each(|face| face.reverse());
         assert_eq!(points_inside(&mesh, &points), before);
-        assert!((WindingNumbers::new(&mesh).at(Vec3::ZERO) + 1.0).abs() < 0.01);
+        assert!((WindingNumbers::new(&mesh).at(Vec3::ZERO) + 1.0).abs() < 0.006);
     }
 
     #[test]
@@ -261,6 +341,27 @@ mod tests {
         let mut mesh = sphere(0.4, 4);
         mesh.vertices.iter_mut().for_each(|v| *v = Vec3::NAN);
         assert_eq!(points_inside(&mesh, &[Vec3::ZERO]), [false]);
+    }
+
+    #[test]
+    fn the_bars_of_a_wire_frame_are_split_without_changing_the_winding_number() {
+        // Prisms of many sides: all triangles are as long as the mesh.
+        let sides = 200;
+        let mut mesh = Mesh::default();
+        for j in 0..sides {
+            let (y, x) = (2.0 * PI * f64::from(j) / f64::from(sides)).sin_cos();
+            let ring = DVec3::new(0.02 * x, 0.02 * y, 0.0);
+            mesh.vertices.extend([-0.4, 0.4].map(|z| (ring + DVec3::Z * z).as_vec3()));
+            let [a, b, c, d] = [2 * j, 2 * j + 1, (2 * j + 2) % (2 * sides), (2 * j + 3) % (2 * sides)];
+            mesh.faces.extend([[a, c, d], [a, d, b], [400, c, a], [401, b, d]]);
+        }
+        mesh.vertices.extend([Vec3::NEG_Z * 0.4, Vec3::Z * 0.4]);
+        let tree = WindingNumbers::new(&mesh);
+        assert!(tree.triangles.len() > 10 * mesh.faces.len());
+        for point in [Vec3::ZERO, Vec3::Z * 0.399, Vec3::X * 0.019, Vec3::X * 0.021, Vec3::Z * 0.401] {
+            assert!((tree.at(point) - slow_winding_number(&mesh, point)).abs() < 0.006, "{point}");
+        }
+        assert!((tree.at(Vec3::ZERO) - 1.0).abs() < 0.006);
     }
 
     #[test]

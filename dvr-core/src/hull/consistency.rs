@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::silhouette::Silhouette;
+use super::silhouette::{Sight, Silhouette};
 use super::{HullSettings, VisualHull};
 use crate::camera::Camera;
 use crate::error::Result;
@@ -65,7 +65,7 @@ pub(super) fn rejected(silhouettes: &[Silhouette], hull: &VisualHull, settings: 
         .par_iter()
         .map(|silhouette| {
             let sees_background =
-                |&&center: &&glam::DVec3| silhouette.look(center, half, settings.margin) == super::Sight::Background;
+                |&&center: &&glam::DVec3| silhouette.look(center, half, settings.margin) == Sight::Background;
             let count = centers.iter().filter(sees_background).count();
             if centers.is_empty() { 0.0 } else { count as f64 / centers.len() as f64 }
         })

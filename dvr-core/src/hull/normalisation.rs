@@ -215,17 +215,23 @@ fn tolerances(views: usize) -> impl Iterator<Item = usize> {
 /// masks about as well as any. Hulls without end count only where there is no other.
 fn best_visibility(silhouettes: &[Silhouette], region: Bounds, max_disagreeing: usize) -> Result<Option<Found>> {
     let views = silhouettes.len();
-    let mut found = Vec::new();
-    for seeing in [views, (3 * views).div_ceil(4), views.div_ceil(2), views.div_ceil(4), 2] {
-        // Where some may disagree, they need not see the object either.
-        let min_seeing = seeing.saturating_sub(max_disagreeing).max(2);
+    let mean = |found: &Found| found.unexplained.iter().sum::<f64>() / views as f64;
+    // Where some may disagree, they need not see the object either.
+    let mut numbers = [views, (3 * views).div_ceil(4), views.div_ceil(2), views.div_ceil(4), 2]
+        .map(|seeing| seeing.saturating_sub(max_disagreeing).max(2))
+        .to_vec();
+    numbers.dedup();
+    let mut found: Vec<Found> = Vec::new();
+    for min_seeing in numbers {
         let settings = HullSettings { max_disagreeing, min_seeing, ..HullSettings::default() };
         found.extend(locate(silhouettes, region, settings)?);
+        if found.last().is_some_and(|found| !found.open && mean(found) <= PRICE_OF_VISIBILITY) {
+            break; // No other can be better by more than the price.
+        }
     }
     if found.iter().any(|found| !found.open) {
         found.retain(|found| !found.open);
     }
-    let mean = |found: &Found| found.unexplained.iter().sum::<f64>() / views as f64;
     let least = found.iter().map(mean).fold(f64::INFINITY, f64::min);
     Ok(found.into_iter().find(|found| mean(found) <= least + PRICE_OF_VISIBILITY))
 }
@@ -310,8 +316,9 @@ impl Found {
                 .push(format!("{} with the others: check mask and camera", name_views(&odd, "disagrees", "disagree")));
         } else if self.settings.max_disagreeing > 0 {
             warnings.push(format!(
-                "the masks only agree when {} views may be wrong at any point",
-                self.settings.max_disagreeing
+                "the masks only agree when {} of {} views may be wrong at any point",
+                self.settings.max_disagreeing,
+                shown.len()
             ));
         }
         warnings

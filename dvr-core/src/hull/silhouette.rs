@@ -76,6 +76,19 @@ impl Silhouette {
         if inside { Sight::Background } else { Sight::Unknown }
     }
 
+    /// Whether the whole projection of the box is object, in the frame.
+    pub(super) fn is_filled_by_object(&self, center: DVec3, half: DVec3) -> bool {
+        let Some([low, high]) = self.footprint(center, half, 0.0) else { return false };
+        let inside = (0..2).all(|i| low[i] >= 0.0 && high[i] < self.frame[i]);
+        let pixels = if inside { self.pixels(low, high) } else { None };
+        pixels.is_some_and(|[x, y]| self.count(x.clone(), y.clone()) as usize == x.len() * y.len())
+    }
+
+    /// Whether the whole box is in front of the camera and beside its frame.
+    pub(super) fn is_out_of_frame(&self, center: DVec3, half: DVec3) -> bool {
+        self.footprint(center, half, 0.0).is_some_and(|[low, high]| self.pixels(low, high).is_none())
+    }
+
     /// A pixel box around the projection of the box `center +- half`; `None` where that reaches behind the camera.
     ///
     /// For an offset `e` from the centre, `u` moves by `(a - u c) . e / (z + c . e)` with `a`, `c` the first and last

@@ -1,9 +1,9 @@
 use std::path::{Path, PathBuf};
-use std::time::Instant;
 
 use glam::DMat3;
 use image::{GrayImage, Luma};
 
+use super::silhouette::Sight;
 use super::*;
 use crate::npz::NpzFile;
 
@@ -56,8 +56,8 @@ fn the_hull_of_a_sphere_is_little_larger_than_the_sphere() {
     let centers = HullSettings { conservative: false, ..HullSettings::default() };
     let point_hull = VisualHull::carve(&views, Bounds::UNIT_CUBE, 64, &centers).unwrap();
     let truth = 4.0 / 3.0 * std::f64::consts::PI * 0.027;
-    assert!((0.94..1.06).contains(&(point_hull.volume() / truth)), "{}", point_hull.volume() / truth);
-    assert!((1.0..1.35).contains(&(hull.volume() / truth)), "{}", hull.volume() / truth);
+    assert!((1.0..1.1).contains(&(point_hull.volume() / truth)), "{}", point_hull.volume() / truth);
+    assert!((1.0..1.45).contains(&(hull.volume() / truth)), "{}", hull.volume() / truth);
     assert!(point_hull.centers().all(|p| hull.contains(p)), "touching keeps what the centres keep");
     assert!(hull.centers().all(|p| p.length() < 0.37));
     let inside = |p: DVec3| p.length() < 0.3;
@@ -133,6 +133,31 @@ fn one_wrong_mask_is_forgiven_when_one_view_may_disagree() {
 }
 
 #[test]
+fn blocks_decide_as_their_voxels_would() {
+    // A resolution that is no multiple of a block; views that see parts only; wrong masks.
+    let mut cameras = cameras(9, 70, DVec3::ZERO, 1.6);
+    cameras.push(Camera::look_at(70, 70, 150.0, DVec3::new(0.9, 0.3, 0.1), DVec3::new(0.0, 0.3, 0.2), DVec3::Y));
+    cameras.push(Camera::look_at(70, 70, 80.0, DVec3::new(0.1, 0.45, 0.1), DVec3::ZERO, DVec3::X));
+    let mut masks: Vec<Mask> = cameras.iter().map(|c| mask(c, sphere(DVec3::Y * 0.05, 0.4))).collect();
+    masks[2] = Mask { coverage: GrayImage::from_fn(70, 70, |u, v| Luma([255 * u8::from((u / 9 + v / 7) % 2 == 0)])) };
+    let silhouettes = Silhouette::all(&pairs(&cameras, &masks)).unwrap();
+    for (max_disagreeing, min_seeing, conservative) in [(0, 1, false), (0, 7, true), (1, 1, true), (2, 11, false)] {
+        let settings = HullSettings { max_disagreeing, min_seeing, conservative, margin: 0.3 };
+        let hull = VisualHull::carve_silhouettes(&silhouettes, Bounds::UNIT_CUBE, 37, &settings).unwrap();
+        let half = if conservative { 0.5 * hull.voxel_size() } else { DVec3::ZERO };
+        assert!(!hull.is_empty());
+        for (index, &hull_voxel) in hull.occupied.iter().enumerate() {
+            let count = |sight| {
+                let center = hull.center_of(index);
+                silhouettes.iter().filter(|silhouette| silhouette.look(center, half, 0.3) == sight).count()
+            };
+            let expected = count(Sight::Background) <= max_disagreeing && count(Sight::Object) >= min_seeing;
+            assert_eq!(hull_voxel, expected, "voxel {index} of {settings:?}");
+        }
+    }
+}
+
+#[test]
 fn a_grid_without_volume_is_refused() {
     let settings = HullSettings::default();
     assert!(VisualHull::carve(&[], Bounds::UNIT_CUBE, 0, &settings).is_err());
@@ -177,7 +202,7 @@ fn wrong_masks_are_named_and_do_not_hide_the_object() {
     masks[11] = Mask { coverage: GrayImage::from_fn(120, 120, |_, v| Luma([255 * u8::from(v > 110)])) };
     masks[17] = Mask { coverage: GrayImage::new(120, 120) };
     let found = normalisation(&pairs(&cameras, &masks)).unwrap();
-    check_box(&found, truth, 0.06);
+    check_box(&found, truth, 0.08);
     let text = found.warnings.join("; ");
     assert!(text.contains("view 17 has an empty mask") && text.contains("views 5 and 11 disagree"), "{text}");
 }
@@ -268,47 +293,39 @@ fn dtu() -> Option<(Vec<Camera>, Vec<Mask>, DMat3, DVec3)> {
     Some((cameras, masks, scale, center))
 }
 
-/// Carves the found box again as a user would, and prints what `dvr info` would.
-fn report(name: &str, cameras: &[Camera], masks: &[Mask]) -> Normalisation {
+/// Finds the object without a warning, and checks that its hull explains all but `unexplained` of each mask.
+fn find(cameras: &[Camera], masks: &[Mask], unexplained: f64) -> Normalisation {
     let views = pairs(cameras, masks);
-    let start = Instant::now();
     let found = normalisation(&views).unwrap();
-    println!("{name}: {:?} in {:.2} s", found, start.elapsed().as_secs_f64());
-    let start = Instant::now();
-    let hull = VisualHull::carve(&views, found.bounds, 128, &HullSettings::default()).unwrap();
-    println!("carve 128: {:.2} s, {} voxels", start.elapsed().as_secs_f64(), hull.occupied_voxels());
-    let start = Instant::now();
-    let share = silhouette_consistency(&views, &hull).unwrap();
-    println!("consistency {:.2} s {share:.3?}", start.elapsed().as_secs_f64());
+    assert!(found.warnings.is_empty(), "{:?}", found.warnings);
+    let hull = VisualHull::carve(&views, found.bounds, 96, &HullSettings::default()).unwrap();
+    let shares = silhouette_consistency(&views, &hull).unwrap();
+    assert!(shares.iter().all(|&share| share < unexplained), "{shares:?}");
     found
 }
 
 #[test]
 fn the_dinosaur_and_the_temple_are_found() {
     let Some((cameras, masks)) = middlebury("scenes/dino_sparse_ring", "dinoSR_par.txt") else { return };
-    let found = report("dino", &cameras, &masks);
+    let found = find(&cameras, &masks, 0.01);
     // The README's tight box; no camera of the ring looks at the feet from below, so the hull may reach further down.
     let truth =
         Bounds { min: DVec3::new(-0.061897, -0.018874, -0.057845), max: DVec3::new(0.010897, 0.068227, 0.015495) };
     check_box(&found, truth, 0.1);
-    assert!(found.warnings.is_empty());
     let Some((cameras, masks)) = middlebury("scenes/temple_sparse_ring", "templeSR_par.txt") else { return };
-    let found = report("temple", &cameras, &masks);
+    let found = find(&cameras, &masks, 0.03);
     let truth =
         Bounds { min: DVec3::new(-0.073568, 0.021728, -0.012445), max: DVec3::new(0.028855, 0.181892, 0.062736) };
-    check_box(&found, truth, 0.07);
-    assert!(found.warnings.is_empty());
+    check_box(&found, truth, 0.08);
 }
 
 #[test]
 fn the_skull_is_found_where_others_found_it() {
     let Some((cameras, masks, scale, center)) = dtu() else { return };
-    let found = report("dtu", &cameras, &masks);
+    let found = find(&cameras, &masks, 0.01);
     // NeuS trains within a sphere that its authors chose by hand around the object.
     let radius = scale.x_axis.x;
-    println!("the sphere of NeuS: radius {radius} around {center}");
     assert!((found.bounds.center() - center).length() < 0.25 * radius);
     assert!((found.bounds.center() - center).abs().max_element() + 0.5 * found.bounds.size().max_element() < radius);
     assert!((0.75..1.0).contains(&(0.5 * found.object_to_world.scale / radius)));
-    assert!(found.warnings.is_empty());
 }

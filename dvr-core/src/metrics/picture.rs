@@ -170,7 +170,7 @@ mod tests {
         let (mut sum, mut windows) = (0.0, 0.0);
         for v in 0..=height - 11 {
             for u in 0..=width - 11 {
-                let mut moment = |f: &dyn Fn(f64, f64) -> f64| {
+                let moment = |f: &dyn Fn(f64, f64) -> f64| {
                     let mut sum = 0.0;
                     for j in 0..11 {
                         for i in 0..11 {

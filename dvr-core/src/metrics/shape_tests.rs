@@ -1,7 +1,7 @@
 use std::path::{Path, PathBuf};
 
 use super::*;
-use crate::inside::{WindingNumbers, points_inside};
+use crate::inside::points_inside;
 use crate::metrics::intersection_over_union;
 use crate::npz::NpzFile;
 use crate::ray::UnitCube;
@@ -70,15 +70,15 @@ fn scores_are_those_of_the_original() {
             assert!((ours.f_score - f[i]).abs() < 1e-12, "F at {}", ours.threshold);
         }
     }
-    println!("{undefined} thresholds where the original's F is not a number");
+    assert_eq!(undefined, 1, "only at the smallest threshold nothing is near");
 }
 
 #[test]
-fn occupancies_are_those_of_the_original_but_on_columns_through_edges() {
+fn occupancies_and_their_iou_are_those_of_the_original() {
     let Some(path) = shared("fixtures/mesh_eval.npz") else { return };
     let mut file = NpzFile::open(&path).unwrap();
     let points = vectors(&mut file, "iou_points");
-    let mut ours = Vec::new();
+    let mut occupancies = Vec::new();
     for name in ["a", "b"] {
         let faces = file.read(&format!("faces_{name}")).unwrap().to_i64();
         let mesh = Mesh {
@@ -86,16 +86,16 @@ fn occupancies_are_those_of_the_original_but_on_columns_through_edges() {
             faces: faces.chunks_exact(3).map(|face| [face[0], face[1], face[2]].map(|i| i as u32)).collect(),
             ..Mesh::default()
         };
-        let inside = points_inside(&mesh, &points);
+        let ours = points_inside(&mesh, &points);
         let theirs = file.read(&format!("occ_{name}")).unwrap().to_bool();
-        let differing: Vec<usize> = (0..points.len()).filter(|&i| inside[i] != theirs[i]).collect();
-        println!("mesh {name}: {} points differ: {differing:?}", differing.len());
-        for i in differing {
-            println!("{i} {} {}", points[i], WindingNumbers::new(&mesh).at(points[i]));
-        }
-        ours.push(inside);
+        // The original counts crossings of the column through a point with strict inequalities, and so puts a point
+        // outside whose column meets an edge or a corner (ours are inside: the tests of `inside` say so). None of these
+        // 4000 random points is such a one, so none may differ.
+        let differing: Vec<Vec3> = (0..points.len()).filter(|&i| ours[i] != theirs[i]).map(|i| points[i]).collect();
+        assert!(differing.is_empty(), "mesh {name} differs at {differing:?}");
+        occupancies.push(ours);
     }
-    close("iou", intersection_over_union(&ours[0], &ours[1]).unwrap(), &mut file);
+    close("iou", intersection_over_union(&occupancies[0], &occupancies[1]).unwrap(), &mut file);
 }
 
 #[test]
@@ -191,10 +191,8 @@ fn read_ply(path: &Path) -> Mesh {
 fn the_floor_is_that_of_the_reference_and_clouds_tell_the_same_as_meshes() {
     for (scene, reference) in [("bunny", 0.0021), ("sharp", 0.0030), ("plate", 0.0025), ("rods", 0.0016)] {
         let Some(folder) = shared(&format!("scenes/rendered/res64/{scene}/{scene}")) else { return };
-        let start = std::time::Instant::now();
         let by_mesh =
             surface_floor(&read_ply(&folder.join("mesh.ply")), SURFACE_SAMPLES, &F_SCORE_THRESHOLDS, 0).unwrap();
-        let time = start.elapsed();
         let mut file = NpzFile::open(&folder.join("pointcloud.npz")).unwrap();
         let truth = PointCloud {
             points: vectors(&mut file, "points"),
@@ -202,11 +200,6 @@ fn the_floor_is_that_of_the_reference_and_clouds_tell_the_same_as_meshes() {
             colors: None,
         };
         let by_cloud = cloud_floor(&truth, SURFACE_SAMPLES, &F_SCORE_THRESHOLDS, 0).unwrap();
-        println!(
-            "{scene}: {:.5} {:.5} ({time:.2?}) {:?}",
-            by_mesh.chamfer_l1, by_cloud.chamfer_l1, by_cloud.f_scores[0]
-        );
-        println!("normals {:?} {:?}", by_mesh.normal_consistency, by_cloud.normal_consistency);
         assert!((by_mesh.chamfer_l1 - reference).abs() < 6e-5, "{scene}: {}", by_mesh.chamfer_l1);
         assert!((by_cloud.chamfer_l1 / by_mesh.chamfer_l1 - 1.0).abs() < 0.02);
     }
@@ -219,12 +212,8 @@ fn the_true_occupancies_are_those_of_the_true_mesh() {
         let mut file = NpzFile::open(&folder.join("points.npz")).unwrap();
         let points = vectors(&mut file, "points");
         let truth = file.read("occupancies").unwrap().to_bool_of_length(points.len()).unwrap();
-        let start = std::time::Instant::now();
         let ours = points_inside(&read_ply(&folder.join("mesh.ply")), &points);
-        println!("{scene}: {} points in {:.2?}", points.len(), start.elapsed());
-        let differing = ours.iter().zip(&truth).filter(|(a, b)| a != b).count();
-        println!("{differing} differ");
-        assert!(intersection_over_union(&ours, &truth).unwrap() > 0.999);
+        assert_eq!(intersection_over_union(&ours, &truth).unwrap(), 1.0, "{scene}");
     }
 }
 
