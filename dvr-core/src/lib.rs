@@ -4,6 +4,7 @@
 
 mod bvh;
 mod camera;
+pub mod dataset;
 mod error;
 pub mod files;
 pub mod hull;
@@ -25,5 +26,5 @@ pub use error::{Error, Result};
 pub use points::{OccupancySamples, PointCloud};
 pub use raster::{DepthMap, Mask};
 pub use ray::{Ray, UnitCube};
-pub use scene::{GroundTruth, Scene, Split, View};
+pub use scene::{GroundTruth, Scene, SparsePoints, Split, View};
 pub use srgb::{linear_to_srgb, srgb_to_linear};

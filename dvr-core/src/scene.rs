@@ -44,6 +44,15 @@ pub struct GroundTruth {
     pub occupancy: Option<OccupancySamples>,
 }
 
+/// Points that structure from motion found, for the sparse depth loss.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct SparsePoints {
+    /// The points, in object space.
+    pub cloud: PointCloud,
+    /// For each point the views that see it, as ascending indices into [`Scene::views`].
+    pub visible_in: Vec<Vec<usize>>,
+}
+
 /// One object, seen from several sides.
 #[derive(Clone, Debug)]
 pub struct Scene {
@@ -57,6 +66,8 @@ pub struct Scene {
     pub views: Vec<View>,
     /// Takes object space (the unit cube) to the world of the files. Every export goes through it.
     pub object_to_world: Similarity,
+    /// Points on the object that come with the cameras: COLMAP's model, or `pcl.npz` of the DVR files.
+    pub sparse_points: Option<SparsePoints>,
     /// The true shape, where the dataset has it.
     pub ground_truth: GroundTruth,
     /// What a user should know before training, in plain words.

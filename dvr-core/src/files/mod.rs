@@ -9,6 +9,7 @@ mod picture;
 
 pub use atomic::{write_atomically, write_bytes_atomically};
 pub use exr_file::{read_depth_exr, write_depth_exr, write_rgb_exr};
+pub(crate) use picture::image_size;
 pub use picture::{Photo, read_mask, read_photo, read_rgb, write_gray_png, write_rgb_png, write_rgba_png};
 
 use std::path::Path;
@@ -21,4 +22,14 @@ use crate::error::{Error, Result};
 /// [`Error::Io`] where the file is missing or not readable.
 pub(crate) fn read_bytes(path: &Path) -> Result<Vec<u8>> {
     std::fs::read(path).map_err(|source| Error::io(path, source))
+}
+
+/// The whole file as text.
+///
+/// # Errors
+/// [`Error::Io`] where the file is missing or not readable, [`Error::Format`] where it is not UTF-8.
+pub(crate) fn read_text(path: &Path) -> Result<String> {
+    String::from_utf8(read_bytes(path)?).map_err(|_| {
+        Error::format(path, "the file is not text", "Check that this is the file that was meant, and save it as UTF-8.")
+    })
 }

@@ -107,11 +107,42 @@ fn decode(path: &Path) -> Result<DynamicImage> {
     let bytes = read_bytes(path)?;
     let reader =
         ImageReader::new(Cursor::new(&bytes)).with_guessed_format().map_err(|source| Error::io(path, source))?;
+    if reader.format() == Some(ImageFormat::Jpeg) && !jpeg_is_whole(&bytes) {
+        return Err(damaged(path, "the file ends before the image does"));
+    }
     let image = reader.decode().map_err(|error| damaged(path, error))?;
     if image.width() == 0 || image.height() == 0 {
         return Err(damaged(path, "it has no pixels"));
     }
     Ok(image)
+}
+
+/// Size of the image in pixels, `(width, height)`, without decoding it.
+///
+/// # Errors
+/// As [`read_photo`].
+pub(crate) fn image_size(path: &Path) -> Result<(u32, u32)> {
+    let reader = ImageReader::open(path).and_then(ImageReader::with_guessed_format);
+    let reader = reader.map_err(|source| Error::io(path, source))?;
+    reader.into_dimensions().map_err(|error| damaged(path, error))
+}
+
+/// Whether a JPEG has its end marker. The decoder fills what is missing with grey and says nothing.
+fn jpeg_is_whole(bytes: &[u8]) -> bool {
+    let mut rest = bytes;
+    loop {
+        // To the next marker: 0xff, but within the entropy-coded data neither a stuffed zero nor a restart.
+        let is_marker = |pair: &[u8]| pair[0] == 0xff && !matches!(pair[1], 0x00 | 0xd0..=0xd7 | 0xff);
+        let Some(at) = rest.windows(2).position(is_marker) else { return false };
+        let (marker, after) = (rest[at + 1], &rest[at + 2..]);
+        let has_no_length = matches!(marker, 0x01 | 0xd8);
+        rest = match (marker, after) {
+            (0xd9, _) => return true,
+            (_, _) if has_no_length => after,
+            (_, &[high, low, ..]) => after.get(usize::from(u16::from_be_bytes([high, low]))..).unwrap_or_default(),
+            _ => return false,
+        };
+    }
 }
 
 fn damaged(path: &Path, what: impl std::fmt::Display) -> Error {
@@ -201,6 +232,19 @@ mod tests {
         let path = folder.path().join("deep.png");
         ImageBuffer::<Rgb<u16>, Vec<u16>>::from_pixel(2, 2, Rgb([65535, 257 * 100, 0])).save(&path).unwrap();
         assert_eq!(read_rgb(&path).unwrap().get_pixel(1, 1), &Rgb([255, 100, 0]));
+    }
+
+    #[test]
+    fn a_truncated_jpeg_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.jpg");
+        RgbImage::from_fn(70, 50, |u, v| Rgb([u as u8 * 3, v as u8 * 5, (u * v) as u8])).save(&path).unwrap();
+        assert_eq!(read_rgb(&path).unwrap().dimensions(), (70, 50));
+        let bytes = std::fs::read(&path).unwrap();
+        for length in 0..bytes.len() {
+            std::fs::write(&path, &bytes[..length]).unwrap();
+            assert!(matches!(read_rgb(&path), Err(Error::Format { .. })), "{length} of {} bytes", bytes.len());
+        }
     }
 
     #[test]

@@ -1,0 +1,199 @@
+//! COLMAP sparse models, text and binary: <https://colmap.github.io/format.html>.
+//!
+//! Cameras are ours already: x right, y down, z forward, pixel centres at half integers. Only pinholes are read.
+
+mod binary;
+mod text;
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+use glam::{DMat3, DQuat, DVec3, Vec3};
+
+use super::found::{Found, FoundView, Place, Projection};
+use super::masks::find_masks;
+use super::pairing::{natural_order, sub_folder, view_names};
+use crate::camera::Similarity;
+use crate::error::{Error, Result};
+use crate::points::PointCloud;
+use crate::scene::{GroundTruth, SparsePoints, Split};
+
+/// Names of the camera models, by their number in binary files, with the number of their parameters.
+const MODELS: [(&str, usize); 11] = [
+    ("SIMPLE_PINHOLE", 3),
+    ("PINHOLE", 4),
+    ("SIMPLE_RADIAL", 4),
+    ("RADIAL", 5),
+    ("OPENCV", 8),
+    ("OPENCV_FISHEYE", 8),
+    ("FULL_OPENCV", 12),
+    ("FOV", 5),
+    ("SIMPLE_RADIAL_FISHEYE", 4),
+    ("RADIAL_FISHEYE", 5),
+    ("THIN_PRISM_FISHEYE", 12),
+];
+
+/// A sparse model as its three files hold it.
+#[derive(Debug, Default, PartialEq)]
+struct Model {
+    cameras: HashMap<u32, ModelCamera>,
+    images: Vec<ModelImage>,
+    points: Vec<ModelPoint>,
+}
+
+#[derive(Debug, PartialEq)]
+struct ModelCamera {
+    model: String,
+    width: u64,
+    height: u64,
+    parameters: Vec<f64>,
+}
+
+#[derive(Debug, PartialEq)]
+struct ModelImage {
+    id: u32,
+    /// `w x y z`, world to camera.
+    rotation: [f64; 4],
+    translation: [f64; 3],
+    camera: u32,
+    name: String,
+}
+
+#[derive(Debug, PartialEq)]
+struct ModelPoint {
+    position: [f64; 3],
+    color: [u8; 3],
+    /// Ids of the images that see it.
+    track: Vec<u32>,
+}
+
+/// The folder of the model at or below `path`.
+pub(super) fn model_folder(path: &Path) -> Option<PathBuf> {
+    let holds_model =
+        |folder: &PathBuf| ["bin", "txt"].iter().any(|kind| folder.join(format!("images.{kind}")).is_file());
+    ["sparse/0", "sparse", "colmap/sparse/0", "."].iter().map(|below| path.join(below)).find(holds_model)
+}
+
+/// Finds the views of the model at or below `path`.
+pub(super) fn find(path: &Path) -> Result<Found> {
+    let folder = model_folder(path).ok_or_else(|| {
+        Error::format(
+            path,
+            "there is no sparse model (looked for images.bin and images.txt in sparse/0, sparse and here)",
+            "Give the folder with `images` and `sparse`.",
+        )
+    })?;
+    let mut warnings = Vec::new();
+    if folder.ends_with("sparse/0") && folder.with_file_name("1").is_dir() {
+        warnings.push("COLMAP made several models that do not hang together; sparse/0 is used".to_owned());
+    }
+    let binary = folder.join("images.bin").is_file();
+    let mut model = if binary { binary::read_model(&folder)? } else { text::read_model(&folder)? };
+    let images_file = folder.join(if binary { "images.bin" } else { "images.txt" });
+    model.images.sort_by(|a, b| natural_order(&a.name, &b.name));
+
+    let root = root_of(path, &folder);
+    let image_folder = sub_folder(&root, &["images", "image", "input", "rgb"]).unwrap_or_else(|| root.clone());
+    let relative: Vec<PathBuf> = model.images.iter().map(|image| PathBuf::from(&image.name)).collect();
+    let names = view_names(&relative, &images_file)?;
+    let masks = find_masks(&root, &relative)?;
+    let mut views = Vec::with_capacity(relative.len());
+    for (((image, relative), name), mask) in model.images.iter().zip(&relative).zip(names).zip(masks) {
+        let camera = model.cameras.get(&image.camera).ok_or_else(|| {
+            Error::format(
+                &images_file,
+                format!("image `{}` has camera {}, which does not exist", image.name, image.camera),
+                "Export the model again.",
+            )
+        })?;
+        let projection = projection(camera, image, &folder)?;
+        let image = image_folder.join(relative);
+        views.push(FoundView { name, image, mask, depth: None, projection, split: Split::Train });
+    }
+    Ok(Found {
+        format: "COLMAP",
+        cameras: images_file,
+        views,
+        files_to_world: Similarity::default(),
+        place: Place::Unknown,
+        sparse_points: sparse_points(&model),
+        ground_truth: GroundTruth::default(),
+        warnings,
+        root,
+    })
+}
+
+/// The folder with images and masks: the one that was given, unless that is the model's own.
+fn root_of(path: &Path, model: &Path) -> PathBuf {
+    let same = |a: &Path, b: &Path| a.canonicalize().ok().is_some_and(|a| b.canonicalize().ok() == Some(a));
+    let holds_images = |folder: &&Path| sub_folder(folder, &["images", "image", "input", "rgb"]).is_some();
+    if !same(path, model) {
+        return path.to_owned();
+    }
+    model.ancestors().take(3).find(holds_images).unwrap_or(path).to_owned()
+}
+
+fn projection(camera: &ModelCamera, image: &ModelImage, folder: &Path) -> Result<Projection> {
+    let (focal_x, focal_y, cx, cy) = match (camera.model.as_str(), &camera.parameters[..]) {
+        ("SIMPLE_PINHOLE", &[focal, cx, cy]) => (focal, focal, cx, cy),
+        ("PINHOLE", &[focal_x, focal_y, cx, cy]) => (focal_x, focal_y, cx, cy),
+        ("SIMPLE_PINHOLE" | "PINHOLE", parameters) => {
+            return Err(Error::format(
+                folder,
+                format!("camera {} ({}) has {} parameters", image.camera, camera.model, parameters.len()),
+                "Export the model again.",
+            ));
+        }
+        (model, _) => {
+            return Err(Error::format(
+                folder,
+                format!("camera {} is of model {model}, with lens distortion", image.camera),
+                "Run `colmap image_undistorter` and give its output folder.",
+            ));
+        }
+    };
+    let size = match (u32::try_from(camera.width), u32::try_from(camera.height)) {
+        (Ok(width @ 1..), Ok(height @ 1..)) => (width, height),
+        _ => {
+            return Err(Error::format(
+                folder,
+                format!("camera {} has {}x{} pixels", image.camera, camera.width, camera.height),
+                "Export the model again.",
+            ));
+        }
+    };
+    let [w, x, y, z] = image.rotation;
+    let rotation = DQuat::from_xyzw(x, y, z, w);
+    if !(rotation.length() > 0.5 && rotation.length() < 2.0) {
+        return Err(Error::format(
+            folder,
+            format!("the rotation of image `{}` is no unit quaternion ({w} {x} {y} {z})", image.name),
+            "Export the model again.",
+        ));
+    }
+    let k = DMat3::from_cols(DVec3::new(focal_x, 0.0, 0.0), DVec3::new(0.0, focal_y, 0.0), DVec3::new(cx, cy, 1.0));
+    let rotation = DMat3::from_quat(rotation.normalize());
+    Ok(Projection::from_parts(k, rotation, image.translation.into(), Some(size)))
+}
+
+/// The points with the views that see them, which are the images in their order.
+fn sparse_points(model: &Model) -> Option<SparsePoints> {
+    if model.points.is_empty() {
+        return None;
+    }
+    let view_of: HashMap<u32, usize> = model.images.iter().enumerate().map(|(view, image)| (image.id, view)).collect();
+    let visible_in = model.points.iter().map(|point| {
+        let mut views: Vec<usize> = point.track.iter().filter_map(|id| view_of.get(id).copied()).collect();
+        views.sort_unstable();
+        views.dedup();
+        views
+    });
+    Some(SparsePoints {
+        visible_in: visible_in.collect(),
+        cloud: PointCloud {
+            points: model.points.iter().map(|point| DVec3::from(point.position).as_vec3()).collect::<Vec<Vec3>>(),
+            normals: None,
+            colors: Some(model.points.iter().map(|point| point.color.map(|c| f32::from(c) / 255.0)).collect()),
+        },
+    })
+}

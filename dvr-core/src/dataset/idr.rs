@@ -1,0 +1,72 @@
+//! The layout of IDR and NeuS: `image/`, `mask/` and `cameras_sphere.npz` (NeuS) or `cameras.npz` (IDR).
+//!
+//! `world_mat_i` = K\[R|t\] takes the world to pixels whose *centres* are at integers; `scale_mat_i` takes the unit sphere
+//! around the object to the world.
+
+use std::path::{Path, PathBuf};
+
+use glam::DVec3;
+
+use super::dvr::image_folder;
+use super::found::{Coordinates, Found, FoundView, Place, Projection};
+use super::masks::find_masks;
+use super::matrices::{numbers_of, read_matrix};
+use super::pairing::{camera_indices, folder_of, list_files, pictures, view_names};
+use crate::camera::Similarity;
+use crate::error::{Error, Result};
+use crate::npz::NpzFile;
+use crate::scene::{GroundTruth, Split};
+
+/// The file with the cameras at `path`, which may be that file itself.
+pub(super) fn cameras_file(path: &Path) -> Option<PathBuf> {
+    if path.is_file() {
+        return path.extension().is_some_and(|extension| extension == "npz").then(|| path.to_owned());
+    }
+    ["cameras_sphere.npz", "cameras.npz"].iter().map(|name| path.join(name)).find(|file| file.is_file())
+}
+
+/// Finds the views of the folder, or of the folder of the file.
+pub(super) fn find(path: &Path) -> Result<Found> {
+    let cameras = cameras_file(path).ok_or_else(|| {
+        Error::format(path, "there is no cameras_sphere.npz and no cameras.npz", "Give the folder that holds it.")
+    })?;
+    let root = folder_of(&cameras);
+    let image_folder = image_folder(&root)?;
+    let images = list_files(&image_folder, pictures())?;
+    let relative: Vec<PathBuf> = images.iter().filter_map(|path| path.file_name()).map(PathBuf::from).collect();
+    let names = view_names(&relative, &image_folder)?;
+    let mut npz = NpzFile::open(&cameras)?;
+    let indices = camera_indices(&relative, &numbers_of(&npz, "world_mat"), &cameras)?;
+    let masks = find_masks(&root, &relative)?;
+    let mut views = Vec::with_capacity(images.len());
+    for (((name, image), mask), &index) in names.into_iter().zip(images).zip(masks).zip(&indices) {
+        let world_mat = read_matrix(&mut npz, &format!("world_mat_{index}"))?;
+        let projection = Projection::from_matrix(&world_mat, Coordinates::Pixels(None)).shifted_to_corners();
+        views.push(FoundView { name, image, mask, depth: None, projection, split: Split::Train });
+    }
+    let scale_mat = indices.first().map(|index| format!("scale_mat_{index}")).filter(|name| npz.contains(name));
+    let place = match scale_mat {
+        Some(name) => Place::Bound(sphere_to_cube(&mut npz, &name)?),
+        None => Place::Unknown,
+    };
+    Ok(Found {
+        format: "IDR/NeuS",
+        root,
+        cameras,
+        views,
+        files_to_world: Similarity::default(),
+        place,
+        sparse_points: None,
+        ground_truth: GroundTruth::default(),
+        warnings: Vec::new(),
+    })
+}
+
+/// The similarity of the cube around the sphere: it is two radii wide, ours is one unit.
+fn sphere_to_cube(npz: &mut NpzFile, name: &str) -> Result<Similarity> {
+    let matrix = read_matrix(npz, name)? * glam::DMat4::from_scale(DVec3::splat(2.0));
+    Similarity::from_matrix(&matrix).map_err(|error| match error {
+        Error::Scene { problem, remedy } => Error::format(npz.path(), format!("`{name}`: {problem}"), remedy),
+        other => other,
+    })
+}

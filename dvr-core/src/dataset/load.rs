@@ -1,0 +1,183 @@
+//! From files to pixels: pictures, masks, depth maps and cameras of all views, side by side.
+
+use glam::{DMat3, DVec3};
+use image::imageops;
+use rayon::prelude::*;
+
+use super::downscale::{downscale_camera, downscale_depth, downscale_image, downscale_mask};
+use super::found::{Coordinates, Found, FoundView, Place, Projection};
+use super::masks::{mask_from_background, no_mask};
+use super::options::ReadOptions;
+use crate::error::{Error, Result};
+use crate::files::{Photo, read_depth_exr, read_mask, read_photo};
+use crate::raster::{DepthMap, Mask};
+use crate::scene::{Split, View};
+
+/// Drops the views that `options` leaves out, and renumbers the visibility of sparse points.
+///
+/// # Errors
+/// [`Error::Scene`] where a view to ignore does not exist, or fewer than two views are left.
+pub(super) fn select_views(found: &mut Found, options: &ReadOptions) -> Result<()> {
+    let mut keep = vec![true; found.views.len()];
+    for ignored in &options.ignored_views {
+        let by_name = found.views.iter().position(|view| &view.name == ignored);
+        let by_number = || ignored.parse::<usize>().ok().filter(|&index| index < keep.len());
+        let index = by_name.or_else(by_number).ok_or_else(|| {
+            Error::scene(
+                format!("there is no view `{ignored}` to leave out"),
+                format!("Name a view ({}) or its number.", first_names(found)),
+            )
+        })?;
+        keep[index] = false;
+    }
+    if let Some(n_views) = options.n_views {
+        let train: Vec<usize> = (0..keep.len()).filter(|&i| keep[i] && found.views[i].split == Split::Train).collect();
+        if n_views < train.len() {
+            train.iter().for_each(|&i| keep[i] = false);
+            // The middle of each of n equal parts of the list.
+            (0..n_views).for_each(|i| keep[train[(2 * i + 1) * train.len() / (2 * n_views)]] = true);
+        }
+    }
+    let new_index: Vec<Option<usize>> =
+        keep.iter().scan(0, |next, &keep| Some(keep.then(|| std::mem::replace(next, *next + 1)))).collect();
+    let mut kept = keep.iter();
+    found.views.retain(|_| kept.next().copied().unwrap_or(true));
+    if let Some(sparse) = &mut found.sparse_points {
+        for views in &mut sparse.visible_in {
+            *views = views.iter().filter_map(|&view| new_index[view]).collect();
+        }
+    }
+    if found.views.len() < 2 {
+        return Err(Error::scene(
+            format!("{}: {} of {} views to read", found.root.display(), found.views.len(), keep.len()),
+            "A shape needs at least two views, from different sides; more are better.",
+        ));
+    }
+    Ok(())
+}
+
+fn first_names(found: &Found) -> String {
+    let names: Vec<&str> = found.views.iter().take(5).map(|view| view.name.as_str()).collect();
+    format!("{}{}", names.join(", "), if found.views.len() > 5 { ", ..." } else { "" })
+}
+
+/// Reads all views, in the files' space, with depth in its units.
+///
+/// # Errors
+/// Those of the view that comes first: a file missing or damaged, no mask, sizes that differ, an unusable camera.
+pub(super) fn load_views(found: &mut Found, options: &ReadOptions) -> Result<Vec<View>> {
+    if options.downscale == 0 {
+        return Err(Error::scene("pictures cannot be scaled down by 0", "Use 1 to keep their size."));
+    }
+    let center = match found.place {
+        Place::UnitCube => Some(DVec3::ZERO),
+        Place::Bound(bound) => Some(bound.translation),
+        Place::Unknown => None,
+    };
+    let mirrored = |view: &FoundView| center.is_some_and(|center| view.projection.mirrors(center));
+    let loaded: Vec<Result<View>> =
+        found.views.par_iter().map(|view| load_view(view, mirrored(view), found, options)).collect();
+    let n_mirrored = found.views.iter().filter(|view| mirrored(view)).count();
+    if n_mirrored > 0 {
+        found.warnings.push(format!(
+            "the cameras of {n_mirrored} of {} views make mirror images; the pictures are flipped left to right",
+            found.views.len()
+        ));
+    }
+    loaded.into_iter().collect()
+}
+
+fn load_view(view: &FoundView, mirrored: bool, found: &Found, options: &ReadOptions) -> Result<View> {
+    let Photo { mut image, mut alpha } = read_photo(&view.image)?;
+    let (width, height) = image.dimensions();
+    let mut mask = match (options.background, &view.mask, &alpha) {
+        (Some(background), _, _) => mask_from_background(&image, background),
+        (None, Some(path), _) => read_mask(path)?,
+        (None, None, Some(alpha)) => alpha.clone(),
+        (None, None, None) => return Err(no_mask(&view.image)),
+    };
+    let mut depth = view.depth.as_ref().map(|path| read_depth_exr(path)).transpose()?;
+    let same_size = |path: &std::path::Path, what: &str, size: (u32, u32)| {
+        if size == (width, height) {
+            return Ok(());
+        }
+        Err(Error::format(
+            path,
+            format!("the {what} has {}x{} pixels, its picture {width}x{height}", size.0, size.1),
+            format!("Make both the same size (the picture is {}).", view.image.display()),
+        ))
+    };
+    same_size(view.mask.as_ref().unwrap_or(&view.image), "mask", mask.size())?;
+    if let (Some(path), Some(depth)) = (&view.depth, &depth) {
+        same_size(path, "depth map", (depth.width, depth.height))?;
+    }
+    let mut projection = view.projection;
+    if mirrored {
+        imageops::flip_horizontal_in_place(&mut image);
+        imageops::flip_horizontal_in_place(&mut mask.coverage);
+        alpha.iter_mut().for_each(|alpha| imageops::flip_horizontal_in_place(&mut alpha.coverage));
+        depth.iter_mut().for_each(flip_depth);
+        projection = flip_projection(projection, width);
+    }
+    let mut camera = projection.camera(width, height).map_err(|error| match error {
+        Error::Scene { problem, remedy } => {
+            Error::format(&found.cameras, format!("view `{}`: {problem}", view.name), remedy)
+        }
+        other => other,
+    })?;
+    // The files' depth is the third coordinate of their projection, in units of its third row.
+    depth = depth.map(|depth| depth.scaled(projection.depth_units().recip() as f32));
+    let factor = options.downscale;
+    if factor > 1 {
+        if width < factor || height < factor {
+            return Err(Error::format(
+                &view.image,
+                format!("{width}x{height} pixels cannot be scaled down by {factor}"),
+                "Use a smaller factor.",
+            ));
+        }
+        image = downscale_image(&image, alpha.as_ref(), factor);
+        mask = downscale_mask(&mask, factor);
+        depth = depth.map(|depth| downscale_depth(&depth, factor));
+        camera = downscale_camera(&camera, factor);
+    }
+    Ok(View { name: view.name.clone(), camera, image, mask, depth, split: view.split })
+}
+
+fn flip_depth(depth: &mut DepthMap) {
+    depth.z_depth.chunks_mut(depth.width.max(1) as usize).for_each(<[f32]>::reverse);
+}
+
+/// The projection to the picture flipped left to right.
+fn flip_projection(projection: Projection, width: u32) -> Projection {
+    let last = match projection.coordinates {
+        Coordinates::Normalised => 0.0,
+        Coordinates::Pixels(size) => f64::from(size.map_or(width, |(width, _)| width)),
+    };
+    projection.then(DMat3::from_cols(DVec3::new(-1.0, 0.0, 0.0), DVec3::Y, DVec3::new(last, 0.0, 1.0)))
+}
+
+/// Refuses a scene that shows no object, and tells of single views that do not, or that show nothing else.
+///
+/// # Errors
+/// [`Error::Scene`] where every mask is empty.
+pub(super) fn check_masks(found: &mut Found, views: &[View]) -> Result<()> {
+    let named = |test: &dyn Fn(&Mask) -> bool| -> Vec<&str> {
+        views.iter().filter(|view| test(&view.mask)).map(|view| view.name.as_str()).collect()
+    };
+    let empty = named(&|mask| mask.object_pixels() == 0);
+    if empty.len() == views.len() {
+        return Err(Error::scene(
+            format!("{}: all {} masks are empty", found.root.display(), views.len()),
+            "A mask is white (or opaque) where the object is: check that masks are not inverted or of another kind.",
+        ));
+    }
+    let full = named(&|mask| mask.object_pixels() == mask.coverage.len());
+    for (names, what) in [(empty, "marks no object"), (full, "marks every pixel as object")] {
+        if let Some(first) = names.first() {
+            let others = if names.len() > 1 { format!(" (and {} more)", names.len() - 1) } else { String::new() };
+            found.warnings.push(format!("the mask of view `{first}`{others} {what}"));
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,100 @@
+//! Where masks come from: a folder of masks, the alpha channel, or a plain background.
+
+use std::path::{Path, PathBuf};
+
+use image::{GrayImage, Luma, RgbImage};
+
+use super::options::{Background, BackgroundColor};
+use super::pairing::{partners, pictures, sub_folder};
+use crate::error::{Error, Result};
+use crate::raster::Mask;
+
+/// Names of the folder of masks.
+pub(super) const MASK_FOLDERS: [&str; 4] = ["mask", "masks", "silhouette", "silhouettes"];
+
+/// The mask file of each image, where `root` has a folder of masks. Images are given relative to theirs.
+///
+/// # Errors
+/// [`Error::Io`] where the folder cannot be listed.
+pub(super) fn find_masks(root: &Path, images: &[PathBuf]) -> Result<Vec<Option<PathBuf>>> {
+    match sub_folder(root, &MASK_FOLDERS) {
+        Some(folder) => partners(images, &folder, pictures()),
+        None => Ok(vec![None; images.len()]),
+    }
+}
+
+/// What to say where a picture has no mask.
+pub(super) fn no_mask(image: &Path) -> Error {
+    Error::format(
+        image,
+        "this picture has no mask",
+        "Give it an alpha channel, put a mask of the same name (white on the object) into a folder `mask` or `masks` \
+         beside the images, or name the plain background to tell it by (white, black or border).",
+    )
+}
+
+/// Marks the pixels that differ from a plain background. Parts of the object in the colour of the background, and
+/// shadows, come out wrong: real masks are better.
+pub fn mask_from_background(image: &RgbImage, background: Background) -> Mask {
+    let plain = match background.color {
+        BackgroundColor::White => [255; 3],
+        BackgroundColor::Black => [0; 3],
+        BackgroundColor::Border => border_color(image),
+    };
+    let differs = |pixel: &image::Rgb<u8>| {
+        pixel.0.iter().zip(&plain).any(|(&channel, &plain)| channel.abs_diff(plain) > background.threshold)
+    };
+    let coverage = GrayImage::from_fn(image.width(), image.height(), |u, v| {
+        Luma([if differs(image.get_pixel(u, v)) { 255 } else { 0 }])
+    });
+    Mask { coverage }
+}
+
+/// The median of the outermost pixels, channel by channel.
+fn border_color(image: &RgbImage) -> [u8; 3] {
+    let (width, height) = image.dimensions();
+    let border: Vec<_> = image
+        .enumerate_pixels()
+        .filter(|(u, v, _)| *u == 0 || *v == 0 || *u + 1 == width || *v + 1 == height)
+        .map(|(_, _, pixel)| pixel.0)
+        .collect();
+    [0, 1, 2].map(|channel| {
+        let mut values: Vec<u8> = border.iter().map(|pixel| pixel[channel]).collect();
+        values.sort_unstable();
+        values.get(values.len() / 2).copied().unwrap_or_default()
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use image::Rgb;
+
+    use super::*;
+
+    #[test]
+    fn a_plain_background_is_told_from_the_object() {
+        let inside = |u: u32, v: u32| (3..6).contains(&u) && (2..8).contains(&v);
+        for (color, plain) in [
+            (BackgroundColor::White, [255, 255, 250]),
+            (BackgroundColor::Black, [4, 0, 0]),
+            (BackgroundColor::Border, [40, 120, 60]),
+        ] {
+            let image = RgbImage::from_fn(9, 10, |u, v| {
+                let noise = ((u * 7 + v * 3) % 5) as u8;
+                Rgb(if inside(u, v) { [90, 30, 140] } else { plain.map(|c: u8| c.saturating_add(noise)) })
+            });
+            let mask = mask_from_background(&image, Background::of(color));
+            for (u, v, _) in image.enumerate_pixels() {
+                assert_eq!(mask.is_object(u, v), inside(u, v), "{color:?} at {u}, {v}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_picture_without_mask_is_told_three_ways_to_get_one() {
+        let message = no_mask(Path::new("image/07.jpg")).to_string();
+        for way in ["image/07.jpg", "alpha", "`mask`", "background"] {
+            assert!(message.contains(way), "{message}");
+        }
+    }
+}

@@ -1,0 +1,149 @@
+//! How a scene is to be read.
+
+use std::fmt;
+use std::str::FromStr;
+
+use crate::camera::Similarity;
+use crate::error::{Error, Result};
+
+/// The layouts that are understood.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Format {
+    /// The DVR datasets: `image/`, `mask/`, `depth/` and `cameras.npz` with `camera_mat_i`, `world_mat_i`, `scale_mat_i`.
+    Dvr,
+    /// NeRF's and nerfstudio's `transforms.json`, or `transforms_{train,val,test}.json`.
+    Transforms,
+    /// IDR and NeuS: `cameras_sphere.npz` or `cameras.npz` with `world_mat_i` = K\[R|t\] in pixels, and `scale_mat_i`.
+    Idr,
+    /// The Middlebury multi-view benchmark: `*_par.txt` beside the images.
+    Middlebury,
+    /// A COLMAP sparse model, text or binary, of undistorted images.
+    Colmap,
+}
+
+impl Format {
+    /// Every format, in the order in which they are looked for.
+    pub const ALL: [Self; 5] = [Self::Transforms, Self::Middlebury, Self::Colmap, Self::Idr, Self::Dvr];
+}
+
+impl fmt::Display for Format {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Dvr => "dvr",
+            Self::Transforms => "transforms",
+            Self::Idr => "idr",
+            Self::Middlebury => "middlebury",
+            Self::Colmap => "colmap",
+        })
+    }
+}
+
+impl FromStr for Format {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<Self> {
+        match name.to_lowercase().as_str() {
+            "dvr" => Ok(Self::Dvr),
+            "transforms" | "nerf" | "blender" | "nerfstudio" | "instant-ngp" => Ok(Self::Transforms),
+            "idr" | "neus" => Ok(Self::Idr),
+            "middlebury" => Ok(Self::Middlebury),
+            "colmap" => Ok(Self::Colmap),
+            _ => Err(Error::scene(
+                format!("`{name}` is no format of scenes"),
+                "Use one of dvr, transforms, idr, middlebury, colmap.",
+            )),
+        }
+    }
+}
+
+/// How to tell the object from a plain background, for pictures without masks.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Background {
+    /// Its colour.
+    pub color: BackgroundColor,
+    /// A pixel is object where a channel differs from the background's by more than this, of 255.
+    pub threshold: u8,
+}
+
+impl Background {
+    /// A background of that colour, told apart with the default threshold.
+    pub fn of(color: BackgroundColor) -> Self {
+        Self { color, threshold: 12 }
+    }
+}
+
+/// The colour of a plain background.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum BackgroundColor {
+    /// Pure white.
+    White,
+    /// Pure black.
+    Black,
+    /// Each picture's own: the median of its outermost pixels.
+    Border,
+}
+
+impl FromStr for BackgroundColor {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<Self> {
+        match name.to_lowercase().as_str() {
+            "white" => Ok(Self::White),
+            "black" => Ok(Self::Black),
+            "border" | "auto" => Ok(Self::Border),
+            _ => Err(Error::scene(format!("`{name}` is no background"), "Use one of white, black, border.")),
+        }
+    }
+}
+
+/// Who says where the object is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Normalise {
+    /// The files where they promise the unit cube (the DVR layout), else the masks.
+    #[default]
+    Auto,
+    /// The files: `scale_mat` as it is. For the IDR layout its sphere, inscribed in the cube.
+    Files,
+    /// The masks: the visual hull fills the unit cube, less a margin.
+    Hull,
+    /// The caller: this similarity takes the unit cube to the world of the files.
+    Given(Similarity),
+}
+
+/// How a scene is to be read; the default reads everything, at full size.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default)]
+pub struct ReadOptions {
+    /// The layout; found out where it is not given.
+    pub format: Option<Format>,
+    /// Each `downscale` x `downscale` pixels become one (the mean; the camera is scaled exactly, a rest at the right and
+    /// lower edge is cut off). 1 keeps the size.
+    pub downscale: u32,
+    /// Make the masks from a plain background, whether or not the files have masks.
+    pub background: Option<Background>,
+    /// At most this many views to train on, spread evenly over those there are. Views of other splits all stay.
+    pub n_views: Option<usize>,
+    /// Views to leave out, by name, or by number in the order of the files, from 0.
+    pub ignored_views: Vec<String>,
+    /// Who says where the object is.
+    pub normalise: Normalise,
+    /// DVR layout: take depth from `visual_hull_depth/`, even where there is a `depth/`.
+    pub visual_hull_depth: bool,
+}
+
+impl Default for ReadOptions {
+    fn default() -> Self {
+        Self {
+            format: None,
+            downscale: 1,
+            background: None,
+            n_views: None,
+            ignored_views: Vec::new(),
+            normalise: Normalise::Auto,
+            visual_hull_depth: false,
+        }
+    }
+}

@@ -1,0 +1,142 @@
+//! Into object space: the object in the unit cube, and the similarity back to the world of the files.
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::found::{Found, Place};
+use super::options::Normalise;
+use crate::camera::Similarity;
+use crate::error::{Error, Result};
+use crate::hull::normalisation;
+use crate::points::PointCloud;
+use crate::ray::UnitCube;
+use crate::scene::View;
+
+/// Share of the object's pixels that may look past the cube before a warning says so.
+const TOLERATED_OUTSIDE: f64 = 0.02;
+
+/// Moves views, ground truth and sparse points from the files' space to object space; returns `object_to_world`.
+///
+/// # Errors
+/// [`Error::Scene`] where the object cannot be found by its masks, or the files say nothing and nobody may look.
+pub(super) fn into_object_space(found: &mut Found, views: &mut [View], normalise: Normalise) -> Result<Similarity> {
+    let object_to_files = match (normalise, found.place) {
+        (Normalise::Auto | Normalise::Files, Place::UnitCube) => Similarity::default(),
+        (Normalise::Files, Place::Bound(bound)) => bound,
+        (Normalise::Files, Place::Unknown) => {
+            return Err(Error::scene(
+                format!("{}: the {} layout does not say where the object is", found.root.display(), found.format),
+                "Let the masks tell (normalise `auto`), or give a similarity.",
+            ));
+        }
+        (Normalise::Given(object_to_world), _) => compose(&found.files_to_world.inverse(), &object_to_world),
+        (Normalise::Auto, Place::Bound(bound)) => match by_masks(views) {
+            Ok((similarity, warnings)) => {
+                found.warnings.extend(warnings);
+                similarity
+            }
+            Err(error) => {
+                found.warnings.push(format!("the sphere of the cameras' file bounds the object, because: {error}"));
+                bound
+            }
+        },
+        (Normalise::Hull, _) | (Normalise::Auto, Place::Unknown) => {
+            let (similarity, warnings) = by_masks(views)?;
+            found.warnings.extend(warnings);
+            similarity
+        }
+    };
+    if object_to_files != Similarity::default() {
+        for view in views.iter_mut() {
+            view.camera = view.camera.into_object_space(&object_to_files);
+            view.depth = view.depth.take().map(|depth| depth.scaled(object_to_files.scale.recip() as f32));
+        }
+        let inverse = object_to_files.inverse();
+        let move_all = |points: &mut Vec<Vec3>| {
+            points.iter_mut().for_each(|point| *point = inverse.transform_point_f32(*point));
+        };
+        if let Some(surface) = &mut found.ground_truth.surface {
+            move_all(&mut surface.points);
+            for normal in surface.normals.iter_mut().flatten() {
+                *normal = inverse.transform_direction(*normal);
+            }
+        }
+        if let Some(occupancy) = &mut found.ground_truth.occupancy {
+            move_all(&mut occupancy.points);
+        }
+        if let Some(sparse) = &mut found.sparse_points {
+            move_all(&mut sparse.cloud.points);
+        }
+    }
+    Ok(compose(&found.files_to_world, &object_to_files))
+}
+
+fn by_masks(views: &[View]) -> Result<(Similarity, Vec<String>)> {
+    let views: Vec<_> = views.iter().map(|view| (&view.camera, &view.mask)).collect();
+    normalisation(&views).map(|found| (found.object_to_world, found.warnings))
+}
+
+/// `outer` after `inner`.
+fn compose(outer: &Similarity, inner: &Similarity) -> Similarity {
+    Similarity {
+        scale: outer.scale * inner.scale,
+        rotation: outer.rotation * inner.rotation,
+        translation: outer.transform_point(inner.translation),
+    }
+}
+
+/// Warns where object pixels look past the padded unit cube: nothing can be reconstructed there.
+pub(super) fn check_cube(views: &[View], warnings: &mut Vec<String>) {
+    let cube = UnitCube::default();
+    let (outside, all) = views
+        .par_iter()
+        .map(|view| {
+            let object = view.mask.coverage.enumerate_pixels().filter(|(_, _, coverage)| coverage.0[0] >= 128);
+            object.fold((0usize, 0usize), |(outside, all), (u, v, _)| {
+                (outside + usize::from(cube.intersect(&view.camera.pixel_ray(u, v)).is_none()), all + 1)
+            })
+        })
+        .reduce(|| (0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
+    let share = outside as f64 / all.max(1) as f64;
+    if share > TOLERATED_OUTSIDE {
+        warnings.push(format!(
+            "{:.0} % of the object's pixels look past the unit cube, where nothing can be reconstructed; normalise `hull` \
+             finds the object by its masks",
+            100.0 * share
+        ));
+    }
+}
+
+/// Keeps the sparse points that are on the object: in the unit cube, and on the mask in every view that sees them.
+/// Points that no view sees are dropped too.
+pub(super) fn keep_points_on_object(found: &mut Found, views: &[View]) {
+    let Some(sparse) = &mut found.sparse_points else { return };
+    let cube = UnitCube { padding: 0.0 };
+    let on_mask = |point: Vec3, view: usize| {
+        let (pixel, z) = views[view].camera.project(point.as_dvec3());
+        z > 0.0 && views[view].camera.sees(pixel) && views[view].mask.is_object(pixel.x as u32, pixel.y as u32)
+    };
+    let keep: Vec<bool> = sparse
+        .cloud
+        .points
+        .iter()
+        .zip(&sparse.visible_in)
+        .map(|(&point, seen)| {
+            cube.contains(point.as_dvec3()) && !seen.is_empty() && seen.iter().all(|&view| on_mask(point, view))
+        })
+        .collect();
+    retain(&mut sparse.visible_in, &keep);
+    let PointCloud { points, normals, colors } = &mut sparse.cloud;
+    retain(points, &keep);
+    normals.iter_mut().for_each(|normals| retain(normals, &keep));
+    colors.iter_mut().for_each(|colors| retain(colors, &keep));
+    if sparse.cloud.points.is_empty() {
+        found.warnings.push(format!("none of the {} sparse points lies on the object", keep.len()));
+        found.sparse_points = None;
+    }
+}
+
+fn retain<T>(items: &mut Vec<T>, keep: &[bool]) {
+    let mut keep = keep.iter();
+    items.retain(|_| keep.next().copied().unwrap_or(true));
+}

@@ -1,0 +1,176 @@
+//! COLMAP's sparse models, as text and in binary.
+
+use std::path::Path;
+
+use glam::DQuat;
+
+use super::*;
+
+/// A COLMAP model: camera 7 for every second image, 3 for the others; three points.
+struct ColmapBall<'a> {
+    ball: &'a Ball,
+    points: [(DVec3, [u8; 3], Vec<u32>); 3],
+}
+
+impl<'a> ColmapBall<'a> {
+    fn new(ball: &'a Ball) -> Self {
+        let seen = |point: DVec3| {
+            let on_ball = |camera: &Camera| {
+                let (pixel, z) = camera.project(point);
+                ball.z_depth(camera, pixel).is_some_and(|near| (near - z).abs() < 1e-6)
+            };
+            (0..9u32).filter(|&i| on_ball(&ball.cameras[i as usize])).map(|i| 100 - i).collect::<Vec<u32>>()
+        };
+        let front = |i: usize, side: f64| {
+            let camera = &ball.cameras[i];
+            let pixel = camera.project(ball.center).0 + DVec2::new(side, 2.0);
+            camera.ray(pixel).at(ball.z_depth(camera, pixel).unwrap())
+        };
+        let (a, b) = (front(2, 3.0), front(5, -4.0));
+        let floor = ball.center - DVec3::Y * 3.0 * ball.radius;
+        Self { ball, points: [(a, [255, 0, 51], seen(a)), (b, [1, 2, 3], seen(b)), (floor, [9; 3], vec![100, 99])] }
+    }
+
+    /// Image ids count down while names count up: order must not matter.
+    fn images(&self) -> impl Iterator<Item = (u32, DQuat, &Camera, String)> {
+        self.ball
+            .cameras
+            .iter()
+            .enumerate()
+            .map(|(i, camera)| (100 - i as u32, DQuat::from_mat3(&camera.rotation), camera, format!("{i:04}.png")))
+    }
+
+    fn write_text(&self, folder: &Path) {
+        std::fs::create_dir_all(folder).unwrap();
+        let mut cameras = "# Camera list\n".to_owned();
+        let mut images = "# Image list\n# with two lines an image\n".to_owned();
+        for (id, q, camera, name) in self.images() {
+            let k = camera.intrinsics;
+            cameras +=
+                &format!("{id} PINHOLE {WIDTH} {HEIGHT} {} {} {} {}\n", k.x_axis.x, k.y_axis.y, k.z_axis.x, k.z_axis.y);
+            let t = camera.translation;
+            let features = if id % 2 == 0 { "1.5 2.5 -1 3 4 8" } else { "" };
+            images +=
+                &format!("{id} {} {} {} {} {} {} {} {id} {name}\n{features}\n", q.w, q.x, q.y, q.z, t.x, t.y, t.z);
+        }
+        let mut points = "# Points\n".to_owned();
+        for (i, (p, [r, g, b], track)) in self.points.iter().enumerate() {
+            points += &format!("{i} {} {} {} {r} {g} {b} 0.5", p.x, p.y, p.z);
+            track.iter().for_each(|id| points += &format!(" {id} 4"));
+            points += "\n";
+        }
+        std::fs::write(folder.join("cameras.txt"), cameras).unwrap();
+        std::fs::write(folder.join("images.txt"), images).unwrap();
+        std::fs::write(folder.join("points3D.txt"), points).unwrap();
+    }
+
+    fn write_binary(&self, folder: &Path) {
+        std::fs::create_dir_all(folder).unwrap();
+        let count = (self.ball.cameras.len() as u64).to_le_bytes();
+        let (mut cameras, mut images) = (count.to_vec(), count.to_vec());
+        let floats = |out: &mut Vec<u8>, values: &[f64]| values.iter().for_each(|x| out.extend(x.to_le_bytes()));
+        for (id, q, camera, name) in self.images() {
+            let k = camera.intrinsics;
+            cameras.extend(id.to_le_bytes());
+            cameras.extend(1i32.to_le_bytes());
+            cameras.extend(u64::from(WIDTH).to_le_bytes());
+            cameras.extend(u64::from(HEIGHT).to_le_bytes());
+            floats(&mut cameras, &[k.x_axis.x, k.y_axis.y, k.z_axis.x, k.z_axis.y]);
+            images.extend(id.to_le_bytes());
+            floats(&mut images, &[q.w, q.x, q.y, q.z]);
+            floats(&mut images, &camera.translation.to_array());
+            images.extend(id.to_le_bytes());
+            images.extend(name.as_bytes());
+            images.push(0);
+            images.extend(u64::from(id % 3).to_le_bytes());
+            (0..id % 3).for_each(|_| images.extend([0; 24]));
+        }
+        let mut points = (self.points.len() as u64).to_le_bytes().to_vec();
+        for (i, (p, color, track)) in self.points.iter().enumerate() {
+            points.extend((i as u64).to_le_bytes());
+            floats(&mut points, &p.to_array());
+            points.extend(color);
+            floats(&mut points, &[0.5]);
+            points.extend((track.len() as u64).to_le_bytes());
+            track.iter().for_each(|id| points.extend([id.to_le_bytes(), 4u32.to_le_bytes()].concat()));
+        }
+        std::fs::write(folder.join("cameras.bin"), cameras).unwrap();
+        std::fs::write(folder.join("images.bin"), images).unwrap();
+        std::fs::write(folder.join("points3D.bin"), points).unwrap();
+    }
+
+    fn assert_reads(&self, path: &Path) {
+        let scene = read(path);
+        assert_eq!(scene.format, "COLMAP");
+        self.ball.assert_same_cameras(&scene);
+        self.ball.assert_in_cube(&scene);
+        let sparse = scene.sparse_points.unwrap();
+        assert_eq!(sparse.cloud.points.len(), 2, "the floor is not the object");
+        for (i, (world, _, track)) in self.points[..2].iter().enumerate() {
+            let back = scene.object_to_world.transform_point(sparse.cloud.points[i].as_dvec3());
+            assert!((back - *world).length() < 1e-3);
+            assert_eq!(sparse.visible_in[i], track.iter().map(|id| 100 - *id as usize).collect::<Vec<_>>());
+        }
+        assert_eq!(sparse.cloud.colors.unwrap()[0], [1.0, 0.0, 0.2]);
+    }
+}
+
+#[test]
+fn colmap_models_read_as_text_and_binary_and_wherever_they_lie() {
+    let ball = Ball::new();
+    let colmap = ColmapBall::new(&ball);
+    for (model, binary) in [("sparse/0", true), ("sparse/0", false), ("sparse", true), (".", false)] {
+        let folder = tempfile::tempdir().unwrap();
+        let root = folder.path();
+        let names = ball.write_images(&root.join("images"), Some(&root.join("masks")));
+        if binary {
+            // COLMAP's own way to name masks.
+            for name in &names {
+                let mask = root.join("masks").join(name);
+                std::fs::rename(&mask, mask.with_extension("png.png")).unwrap();
+            }
+            colmap.write_binary(&root.join(model));
+        } else {
+            colmap.write_text(&root.join(model));
+        }
+        colmap.assert_reads(root);
+        colmap.assert_reads(&root.join(model));
+    }
+}
+
+#[test]
+fn a_truncated_colmap_model_is_refused_wherever_it_ends() {
+    let (ball, folder) = (Ball::new(), tempfile::tempdir().unwrap());
+    let root = folder.path();
+    ball.write_images(&root.join("images"), Some(&root.join("masks")));
+    ColmapBall::new(&ball).write_binary(&root.join("sparse/0"));
+    for file in ["cameras.bin", "images.bin", "points3D.bin"] {
+        let path = root.join("sparse/0").join(file);
+        let bytes = std::fs::read(&path).unwrap();
+        for length in 0..bytes.len() {
+            std::fs::write(&path, &bytes[..length]).unwrap();
+            let error = colmap::find(root).err().map(|error| error.to_string()).unwrap_or_default();
+            assert!(error.contains(file) && error.contains("ends too early"), "{length} bytes: {error}");
+        }
+        std::fs::write(&path, &bytes).unwrap();
+    }
+}
+
+#[test]
+fn a_distorted_colmap_camera_names_the_undistorter() {
+    let (ball, folder) = (Ball::new(), tempfile::tempdir().unwrap());
+    let root = folder.path();
+    ball.write_images(&root.join("images"), Some(&root.join("masks")));
+    ColmapBall::new(&ball).write_text(&root.join("sparse/0"));
+    let path = root.join("sparse/0/cameras.txt");
+    let text = std::fs::read_to_string(&path).unwrap();
+    std::fs::write(&path, text.replacen("PINHOLE", "OPENCV", 1)).unwrap();
+    let error = read_scene(root, &ReadOptions::default()).unwrap_err().to_string();
+    assert!(error.contains("OPENCV") && error.contains("colmap image_undistorter"), "{error}");
+    std::fs::write(&path, &text[..text.len() / 2]).unwrap();
+    let error = read_scene(root, &ReadOptions::default()).unwrap_err().to_string();
+    assert!(
+        error.contains("cameras.txt: line ") || error.contains("parameters") || error.contains("does not exist"),
+        "{error}"
+    );
+}

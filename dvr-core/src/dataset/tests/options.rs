@@ -1,0 +1,164 @@
+//! What the options do.
+
+use super::*;
+use crate::scene::Split;
+
+fn dvr() -> (Ball, tempfile::TempDir) {
+    let (ball, folder) = (Ball::new(), tempfile::tempdir().unwrap());
+    ball.write_dvr(folder.path());
+    (ball, folder)
+}
+
+fn names(scene: &Scene) -> Vec<&str> {
+    scene.views.iter().map(|view| view.name.as_str()).collect()
+}
+
+#[test]
+fn formats_and_backgrounds_go_by_their_names() {
+    for format in Format::ALL {
+        assert_eq!(format.to_string().parse::<Format>().unwrap(), format);
+    }
+    assert_eq!("NeuS".parse::<Format>().unwrap(), Format::Idr);
+    let error = "obj".parse::<Format>().unwrap_err().to_string();
+    assert!(error.contains("`obj`") && error.contains("colmap"), "{error}");
+    assert_eq!("border".parse::<BackgroundColor>().unwrap(), BackgroundColor::Border);
+    assert!("blue".parse::<BackgroundColor>().is_err());
+}
+
+#[test]
+fn options_survive_a_file() {
+    let options = ReadOptions {
+        format: Some(Format::Colmap),
+        background: Some(Background::of(BackgroundColor::Black)),
+        normalise: Normalise::Given(Similarity { scale: 3.0, ..Similarity::default() }),
+        ..ReadOptions::default()
+    };
+    let json = serde_json::to_string(&options).unwrap();
+    assert_eq!(serde_json::from_str::<ReadOptions>(&json).unwrap(), options);
+    assert_eq!(serde_json::from_str::<ReadOptions>("{}").unwrap(), ReadOptions::default());
+}
+
+#[test]
+fn smaller_pictures_have_smaller_cameras() {
+    let (ball, folder) = dvr();
+    let scene = read_scene(folder.path(), &ReadOptions { downscale: 5, ..ReadOptions::default() }).unwrap();
+    for (view, camera) in scene.views.iter().zip(&ball.cameras) {
+        assert_eq!((view.camera.width, view.camera.height), (9, 7));
+        assert_eq!((view.image.dimensions(), view.mask.size()), ((9, 7), (9, 7)));
+        let (pixel, _) = view.camera.project(glam::DVec3::ZERO);
+        assert!((pixel * 5.0 - camera.project(ball.center).0).length() < 1e-6);
+        // Object pixels of the small picture have depths of the object.
+        let depth = view.depth.as_ref().unwrap();
+        for (u, v, _) in view.mask.coverage.enumerate_pixels().filter(|(u, v, _)| view.mask.is_object(*u, *v)) {
+            assert!((depth.get(u, v) * 60.0 - 130.0).abs() < 1.1 * ball.radius as f32);
+        }
+    }
+    let error = read_scene(folder.path(), &ReadOptions { downscale: 40, ..ReadOptions::default() }).unwrap_err();
+    assert!(error.to_string().contains("48x36 pixels cannot be scaled down by 40"), "{error}");
+    assert!(read_scene(folder.path(), &ReadOptions { downscale: 0, ..ReadOptions::default() }).is_err());
+}
+
+#[test]
+fn fewer_views_are_spread_over_all() {
+    let (_, folder) = dvr();
+    let scene = read_scene(folder.path(), &ReadOptions { n_views: Some(3), ..ReadOptions::default() }).unwrap();
+    assert_eq!(names(&scene), ["0001", "0004", "0007"]);
+    let scene = read_scene(folder.path(), &ReadOptions { n_views: Some(99), ..ReadOptions::default() }).unwrap();
+    assert_eq!(scene.views.len(), 9);
+    assert_eq!(scene.views_of(Split::Train).count(), 9);
+}
+
+#[test]
+fn ignored_views_go_by_name_or_number() {
+    let (_, folder) = dvr();
+    let ignored_views = vec!["0003".to_owned(), "7".to_owned()];
+    let scene = read_scene(folder.path(), &ReadOptions { ignored_views, ..ReadOptions::default() }).unwrap();
+    assert_eq!(names(&scene), ["0000", "0001", "0002", "0004", "0005", "0006", "0008"]);
+    let ignored_views = vec!["cat".to_owned()];
+    let error = read_scene(folder.path(), &ReadOptions { ignored_views, ..ReadOptions::default() }).unwrap_err();
+    assert!(error.to_string().contains("no view `cat`") && error.to_string().contains("0000, 0001"), "{error}");
+}
+
+#[test]
+fn sparse_points_know_the_views_that_are_left() {
+    let (ball, folder) = dvr();
+    let arrays = [
+        ("points".to_owned(), Array::f64(&[1, 3], ball.center.to_array().to_vec())),
+        ("visibility_0002".to_owned(), Array::f32(&[1], vec![0.0])),
+        ("visibility_0005".to_owned(), Array::f32(&[1], vec![0.0])),
+    ];
+    save(&folder.path().join("pcl.npz"), &arrays);
+    let ignored_views = vec!["0001".to_owned(), "0005".to_owned()];
+    let scene = read_scene(folder.path(), &ReadOptions { ignored_views, ..ReadOptions::default() }).unwrap();
+    assert_eq!(scene.sparse_points.unwrap().visible_in, [[1]]);
+    assert_eq!(scene.views[1].name, "0002");
+}
+
+#[test]
+fn a_plain_background_makes_masks_on_request_only() {
+    let (ball, folder) = dvr();
+    std::fs::remove_dir_all(folder.path().join("mask")).unwrap();
+    assert!(read_scene(folder.path(), &ReadOptions::default()).is_err());
+    for color in [BackgroundColor::White, BackgroundColor::Border] {
+        let background = Some(Background::of(color));
+        let scene = read_scene(folder.path(), &ReadOptions { background, ..ReadOptions::default() }).unwrap();
+        for (view, camera) in scene.views.iter().zip(&ball.cameras) {
+            assert_eq!(view.mask, ball.mask(camera));
+        }
+    }
+}
+
+#[test]
+fn the_object_can_be_placed_by_masks_or_by_hand_in_any_layout() {
+    let (ball, folder) = dvr();
+    let third = [0.4 / 3.0, 0.8 / 3.0, 0.8 / 3.0];
+    let points = [("points".to_owned(), Array::f64(&[1, 3], third.to_vec()))];
+    save(&folder.path().join("pointcloud.npz"), &points);
+    let by_files = read(folder.path());
+    let given = Similarity { scale: 70.0, translation: ball.center + 3.0, ..Similarity::default() };
+    for normalise in [Normalise::Hull, Normalise::Given(given)] {
+        let scene = read_scene(folder.path(), &ReadOptions { normalise, ..ReadOptions::default() }).unwrap();
+        ball.assert_same_cameras(&scene);
+        ball.assert_in_cube(&scene);
+        let world = |scene: &Scene| {
+            let point = scene.ground_truth.surface.as_ref().unwrap().points[0];
+            scene.object_to_world.transform_point(point.as_dvec3())
+        };
+        assert!((world(&scene) - world(&by_files)).length() < 1e-4);
+        let z = |scene: &Scene| scene.views[0].depth.as_ref().unwrap().get(24, 18) * scene.object_to_world.scale as f32;
+        assert!((z(&scene) - z(&by_files)).abs() < 1e-3);
+    }
+    // A ball that sticks out of the cube is told of.
+    let small = Similarity { scale: 30.0, translation: ball.center, ..Similarity::default() };
+    let options = ReadOptions { normalise: Normalise::Given(small), ..ReadOptions::default() };
+    let warnings = read_scene(folder.path(), &options).unwrap().warnings;
+    assert!(warnings.iter().any(|warning| warning.contains("look past the unit cube")), "{warnings:?}");
+}
+
+#[test]
+fn a_layout_that_does_not_say_where_the_object_is_cannot_be_asked() {
+    let (ball, folder) = (Ball::new(), tempfile::tempdir().unwrap());
+    ball.write_middlebury(folder.path());
+    let options = ReadOptions { normalise: Normalise::Files, ..ReadOptions::default() };
+    let error = read_scene(folder.path(), &options).unwrap_err().to_string();
+    assert!(error.contains("Middlebury layout does not say where the object is"), "{error}");
+}
+
+#[test]
+fn the_depth_of_the_visual_hull_is_taken_where_it_is_wanted_or_alone() {
+    let (ball, folder) = dvr();
+    let hull_folder = folder.path().join("visual_hull_depth");
+    std::fs::create_dir_all(&hull_folder).unwrap();
+    for (i, camera) in ball.cameras.iter().enumerate() {
+        write_depth_exr(&hull_folder.join(format!("{i:04}.exr")), &ball.depth(camera).scaled(0.5)).unwrap();
+    }
+    let center = |scene: &Scene| scene.views[2].depth.as_ref().unwrap().get(24, 18);
+    let measured = center(&read(folder.path()));
+    let options = ReadOptions { visual_hull_depth: true, ..ReadOptions::default() };
+    let scene = read_scene(folder.path(), &options).unwrap();
+    assert!((center(&scene) - 0.5 * measured).abs() < 1e-5 && scene.warnings.is_empty());
+    std::fs::remove_dir_all(folder.path().join("depth")).unwrap();
+    let scene = read(folder.path());
+    assert!((center(&scene) - 0.5 * measured).abs() < 1e-5);
+    assert!(scene.warnings[0].contains("visual hull"), "{:?}", scene.warnings);
+}
