@@ -221,7 +221,8 @@ fn the_files_agree_with_each_other_in_the_meshs_own_units() {
             // On the rims the centre of the pixel may see what lies behind.
             before += usize::from(surface.is_finite() && z < surface - 0.2);
         }
-        assert!(inside > 450 && seen > 150 && before < 25, "{inside} {seen} {before}");
+        // From the side a quarter of a torus is visible, from above nearly half.
+        assert!(inside > 450 && seen > 90 && before < 25, "{inside} {seen} {before}");
     }
     let occupied = NpzFile::open(&files.folder.join("points.npz")).unwrap().read("occupancies").unwrap().to_bool();
     for (point, occupied) in files.points("points.npz").iter().zip(occupied) {
