@@ -14,8 +14,8 @@ pub(super) const LISTS: [(Split, &str); 3] =
 pub(super) fn check_name(what: &str, name: &str) -> Result<()> {
     let unusable = |c: char| matches!(c, '/' | '\\') || c.is_control();
     if name.trim() != name || name.is_empty() || name.starts_with('.') || name.contains(unusable) {
-        let problem = format!("`{name}` cannot be the name of an {what}");
-        return Err(Error::scene(problem.replace("an category", "a category"), "Use letters, digits, `-` and `_`."));
+        let problem = format!("`{name}` cannot be the name of a folder for the {what}");
+        return Err(Error::scene(problem, "Use letters, digits, `-` and `_`."));
     }
     Ok(())
 }
