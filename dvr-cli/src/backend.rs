@@ -15,6 +15,8 @@ pub enum Backend {
 
 impl Backend {
     /// The device, without autodiff.
+    // Upstream deprecates burn-ndarray; here it is a second opinion behind a feature.
+    #[cfg_attr(feature = "ndarray", allow(deprecated))]
     pub fn device(self) -> Device {
         match self {
             Self::Cpu => Device::flex(),

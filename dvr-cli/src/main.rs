@@ -11,6 +11,11 @@ use clap::Parser;
 
 use args::{Cli, Command};
 
+/// Training allocates and frees large tensors all the time; the system's allocator gives them back to the kernel and
+/// has them cleared again on every step.
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
 /// What every refusal of bad input exits with, clap's included.
 const EXIT_BAD_INPUT: u8 = 2;
 

@@ -61,7 +61,7 @@ pub struct FieldJet {
 ///
 /// Everything a method does with parameters and points is differentiable where its device tracks gradients; callers
 /// that need no gradient pass a field and points without them.
-pub trait Field {
+pub trait Field: Sync {
     /// Occupancy logits and colours.
     fn evaluate(&self, query: &Query) -> FieldValues;
 

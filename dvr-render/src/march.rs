@@ -1,6 +1,7 @@
 //! Gradient-free ray marching: where does each ray first cross the surface? (DVR, section 3.2.)
 
 use burn::tensor::{Bool, Int, Tensor};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::field::{Field, Query};
@@ -161,6 +162,8 @@ impl<F: Field> Marcher for TensorMarcher<F> {
     fn march(&self, rays: &Rays, jitter: Option<Tensor<1>>) -> March {
         let rays_a_chunk = (self.settings.max_points / self.settings.steps).max(1);
         let samples: Vec<_> = chunks(rays.len(), rays_a_chunk)
+            .collect::<Vec<_>>()
+            .into_par_iter()
             .map(|(start, length)| {
                 self.sample(&rays.narrow(start, length), jitter.clone().map(|j| j.narrow(0, start, length)))
             })
@@ -194,9 +197,7 @@ pub(crate) fn chunks(n: usize, size: usize) -> impl Iterator<Item = (usize, usiz
 }
 
 /// Evaluates `0..n` chunk by chunk and joins the results.
-fn in_chunks(n: usize, size: usize, evaluate: impl Fn(usize, usize) -> Tensor<1>) -> Tensor<1> {
-    if n <= size {
-        return evaluate(0, n);
-    }
-    Tensor::cat(chunks(n, size).map(|(start, length)| evaluate(start, length)).collect(), 0)
+fn in_chunks(n: usize, size: usize, evaluate: impl Fn(usize, usize) -> Tensor<1> + Sync) -> Tensor<1> {
+    let parts: Vec<_> = chunks(n, size).collect();
+    Tensor::cat(parts.into_par_iter().map(|(start, length)| evaluate(start, length)).collect(), 0)
 }

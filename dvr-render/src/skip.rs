@@ -22,7 +22,7 @@ pub struct SkipGrid {
 
 impl SkipGrid {
     /// Asks the field at the `(cells + 1)^3` corners, `max_points` at once.
-    pub fn build(field: &(impl Field + Sync), cube: UnitCube, cells: usize, max_points: usize) -> Self {
+    pub fn build(field: &impl Field, cube: UnitCube, cells: usize, max_points: usize) -> Self {
         let nodes = cells + 1;
         let half = cube.half_extent() as f32;
         let step = 2.0 * half / cells as f32;

@@ -52,7 +52,7 @@ pub struct Shaded {
 
 /// Renders what `camera` sees. `field` must not track gradients.
 pub fn render_view(
-    field: &(impl Field + Sync),
+    field: &impl Field,
     camera: &Camera,
     settings: &RenderSettings,
     skip: Option<&SkipGrid>,
@@ -81,7 +81,7 @@ pub fn render_view(
 
 /// What each ray sees, `None` where it hits nothing. `field` must not track gradients.
 pub fn shade_rays(
-    field: &(impl Field + Sync),
+    field: &impl Field,
     rays: &[Ray],
     settings: &RenderSettings,
     skip: Option<&SkipGrid>,

@@ -60,7 +60,7 @@ pub fn evaluate_shape(mesh: &Mesh, truth: &GroundTruth, seed: u64) -> Result<Sha
 /// # Errors
 /// When a view's pictures differ in size.
 pub fn evaluate_views(
-    field: &(impl Field + Sync),
+    field: &impl Field,
     views: &[&View],
     settings: &RenderSettings,
     skip: Option<&SkipGrid>,

@@ -12,7 +12,7 @@ use crate::error::{Error, Result};
 ///
 /// # Errors
 /// When the field has no surface in the cube; the message says what to try.
-pub fn object_mesh(field: &(impl Field + Sync), settings: &ExtractSettings, seeds: &[Vec3]) -> Result<Extraction> {
+pub fn object_mesh(field: &impl Field, settings: &ExtractSettings, seeds: &[Vec3]) -> Result<Extraction> {
     extract_mesh(&FieldSurface::new(field), settings, seeds).map_err(|e| Error::NoMesh(e.to_string()))
 }
 

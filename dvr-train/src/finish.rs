@@ -140,7 +140,7 @@ pub fn judging_views<'a>(scene: &'a Scene, views: &ViewSplit<'a>) -> Vec<&'a Vie
 }
 
 /// Points on the surface that object pixels of `views` see: seeds for the extraction.
-pub fn surface_points(field: &(impl Field + Sync), views: &[&View], rays: usize) -> Vec<Vec3> {
+pub fn surface_points(field: &impl Field, views: &[&View], rays: usize) -> Vec<Vec3> {
     let pixels = views.iter().flat_map(|view| {
         let (width, height) = view.mask.size();
         (0..height).flat_map(move |v| (0..width).map(move |u| (*view, u, v)))

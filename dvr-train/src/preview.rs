@@ -11,7 +11,7 @@ const GAP: u32 = 4;
 /// A sheet with a row a view: input (background whitened by the mask), render, depth, normals; at most `max_width`
 /// pixels a picture. Near is bright in depth; normals are in the camera's frame (x right, y up, z towards the viewer).
 pub fn preview_sheet(
-    field: &(impl Field + Sync),
+    field: &impl Field,
     views: &[&View],
     settings: &RenderSettings,
     skip: Option<&SkipGrid>,

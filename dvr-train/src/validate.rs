@@ -17,7 +17,7 @@ pub struct Agreement {
 
 /// Compares renderings with views on an even subset of at most about `max_pixels` of their pixels; `None` without views.
 pub fn agreement(
-    field: &(impl Field + Sync),
+    field: &impl Field,
     views: &[&View],
     settings: &RenderSettings,
     skip: Option<&SkipGrid>,

@@ -1,7 +1,7 @@
 //! Marching and the depth gradient against the original's own run in double precision.
 
 use burn::module::{Module, ModuleVisitor, Param};
-use burn::tensor::{Device, Int, Tensor, TensorData};
+use burn::tensor::{Device, FloatDType, Int, Tensor, TensorData};
 use dvr_core::{Ray, UnitCube};
 use dvr_model::Decoder;
 use dvr_render::{Field, MarchSettings, Marcher, Query, Rays, RootMethod, SlopeRule, TensorMarcher, implicit_depth};
@@ -42,15 +42,20 @@ struct Case {
     device: Device,
 }
 
+/// The reference scaled its parameters in single precision, and rounded.
+fn scaled<const D: usize>(tensor: Tensor<D>, scale: f64) -> Tensor<D> {
+    (tensor.detach().cast(FloatDType::F32) * scale).cast(FloatDType::F64)
+}
+
 impl Case {
     fn open(name: &'static str, code_dim: usize, device: &Device) -> Option<Self> {
         let mut fixture = Fixture::open(name)?;
         let (_, mut decoder) = fixture_decoder(code_dim, device)?;
         let scale = fixture.number("fc_out_scale");
-        decoder.fc_out.weight = decoder.fc_out.weight.map(|t| t.detach() * scale);
-        decoder.fc_out.bias = decoder.fc_out.bias.map(|bias| bias.map(|t| t.detach() * scale));
+        decoder.fc_out.weight = decoder.fc_out.weight.map(|t| scaled(t, scale));
+        decoder.fc_out.bias = decoder.fc_out.bias.map(|bias| bias.map(|t| scaled(t, scale)));
         let scale = fixture.number("fc_p_weight_scale");
-        decoder.fc_p.weight = decoder.fc_p.weight.map(|t| t.detach() * scale);
+        decoder.fc_p.weight = decoder.fc_p.weight.map(|t| scaled(t, scale));
         let origin = fixture.points("ray0");
         let direction = fixture.points("ray_direction");
         let rays: Vec<_> = origin

@@ -16,7 +16,7 @@ pub struct FieldSurface<'a, F> {
     field: &'a F,
 }
 
-impl<'a, F: Field + Sync> FieldSurface<'a, F> {
+impl<'a, F: Field> FieldSurface<'a, F> {
     /// Wraps a field, which must not track gradients (`Module::valid`).
     pub fn new(field: &'a F) -> Self {
         Self { field }
@@ -41,7 +41,7 @@ fn triples(tensor: Tensor<2>) -> Vec<[f32; 3]> {
     flat.as_chunks().0.to_vec()
 }
 
-impl<F: Field + Sync> ScalarField for FieldSurface<'_, F> {
+impl<F: Field> ScalarField for FieldSurface<'_, F> {
     fn logits(&self, points: &[Vec3]) -> Vec<f32> {
         self.in_parallel(points, |query| self.field.occupancy_logit(query).into_data().iter::<f32>().collect())
     }
