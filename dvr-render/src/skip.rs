@@ -39,13 +39,14 @@ impl SkipGrid {
                 logit.iter::<f32>().map(|logit| logit >= 0.0).collect::<Vec<_>>()
             })
             .collect();
-        let any_corner = |x: usize, y: usize, z: usize| {
-            let corner = |dx, dy, dz| inside[((x + dx) * nodes + y + dy) * nodes + z + dz];
-            (0..8).any(|c| corner(c >> 2, c >> 1 & 1, c & 1))
-        };
+        Self::of_cells(cube, cells, |[x, y, z]| any_corner_inside(&inside, nodes, [x, y, z]))
+    }
+
+    /// Marks the cells `[x, y, z]`, each below `cells`, for which `may_hold` is true, and their 26 neighbours.
+    pub fn of_cells(cube: UnitCube, cells: usize, may_hold: impl Fn([usize; 3]) -> bool + Sync) -> Self {
         let own: Vec<bool> = (0..cells * cells * cells)
             .into_par_iter()
-            .map(|i| any_corner(i / (cells * cells), i / cells % cells, i % cells))
+            .map(|i| may_hold([i / (cells * cells), i / cells % cells, i % cells]))
             .collect();
         Self { cube, cells, marked: dilated(&own, cells) }
     }
@@ -89,6 +90,12 @@ impl SkipGrid {
     pub fn filled(&self) -> f64 {
         self.marked.iter().filter(|&&m| m).count() as f64 / self.marked.len().max(1) as f64
     }
+}
+
+/// Whether one of a cell's eight corners is inside.
+fn any_corner_inside(inside: &[bool], nodes: usize, [x, y, z]: [usize; 3]) -> bool {
+    let corner = |dx, dy, dz| inside[((x + dx) * nodes + y + dy) * nodes + z + dz];
+    (0..8).any(|c| corner(c >> 2, c >> 1 & 1, c & 1))
 }
 
 /// Marks the 26 neighbours of each marked cell, one axis after the other.

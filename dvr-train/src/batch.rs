@@ -2,21 +2,26 @@
 
 use burn::tensor::{Device, Tensor, TensorData};
 use dvr_core::{Ray, UnitCube, View};
-use dvr_render::Rays;
+use dvr_render::{Rays, SkipGrid};
 use rand::Rng;
 
 /// The pixels of one step. Patches stand one after the other, each row by row.
 #[derive(Clone, Debug)]
 pub struct PixelBatch {
-    /// Rays through the pixel centres, with directions of unit camera z: ray depth is z-depth.
+    /// Rays through the pixel centres, with directions of unit camera z: ray depth is z-depth. Their intervals are the
+    /// parts in which a surface is searched for.
     pub rays: Rays,
+    /// Which rays are searched at all. The others pass where there can be nothing.
+    pub searched: Vec<i64>,
+    /// Depths at which each ray enters and leaves the cube, `[n]` each.
+    pub cube_interval: [Tensor<1>; 2],
     /// Colours of the pixels, `[n, 3]`, sRGB in `[0, 1]`.
     pub color: Tensor<2>,
     /// Whether each pixel shows the object.
     pub object: Vec<bool>,
     /// Measured z-depth of each pixel, object units; not finite where nothing was measured.
     pub z_depth: Vec<f32>,
-    /// Whether each ray passes through the cube at all; those that do not are left out of all losses.
+    /// Whether each ray passes through the cube; those that do not are left out of all losses.
     pub in_cube: Vec<bool>,
     /// Pixels a patch.
     pub patch_pixels: usize,
@@ -41,31 +46,34 @@ pub struct PixelSampling {
     pub object_share: f64,
 }
 
+/// The interval of a ray that meets nothing.
+const NOWHERE: (f64, f64) = (0.0, -1.0);
+
 /// Tries to find an object pixel before a patch is taken anywhere: views may show the object in few pixels or none.
 const OBJECT_TRIES: usize = 256;
 
 impl PixelBatch {
     /// Draws patches from views, every view equally often.
-    pub fn draw(views: &[&View], sampling: PixelSampling, rng: &mut impl Rng, device: &Device) -> Self {
+    ///
+    /// `bound` says where the object can be; without it, the whole cube is searched. A pixel that shows the object is
+    /// searched along its whole ray where the bound leaves nothing of it: masks may contradict each other.
+    pub fn draw(
+        views: &[&View],
+        sampling: PixelSampling,
+        bound: Option<&SkipGrid>,
+        rng: &mut impl Rng,
+        device: &Device,
+    ) -> Self {
+        let size = sampling.patch_size as u32;
         let pixels = sampling.patch_size * sampling.patch_size;
         let patches: Vec<_> = (0..(sampling.rays / pixels).max(1))
             .map(|_| {
                 let on_object = rng.random_bool(sampling.object_share);
-                draw_patch(views, sampling.patch_size as u32, on_object, rng)
+                draw_patch(views, size, on_object, rng)
             })
             .collect();
-        Self::of_patches(views, &patches, sampling.patch_size as u32, device)
-    }
-
-    /// Every `stride`-th pixel of a list of `(view, u, v)`, without patch structure.
-    pub fn of_pixels(views: &[&View], pixels: &[(usize, u32, u32)], device: &Device) -> Self {
-        let patches: Vec<_> = pixels.iter().map(|&(view, u, v)| Patch { view, u, v }).collect();
-        Self::of_patches(views, &patches, 1, device)
-    }
-
-    fn of_patches(views: &[&View], patches: &[Patch], size: u32, device: &Device) -> Self {
-        let n = patches.len() * (size * size) as usize;
-        let mut rays: Vec<Ray> = Vec::with_capacity(n);
+        let n = patches.len() * pixels;
+        let mut rays = Vec::with_capacity(n);
         let mut color = Vec::with_capacity(3 * n);
         let (mut object, mut z_depth) = (Vec::with_capacity(n), Vec::with_capacity(n));
         for patch in patches {
@@ -78,15 +86,45 @@ impl PixelBatch {
                 z_depth.push(view.depth.as_ref().map_or(f32::INFINITY, |depth| depth.get(u, v)));
             }
         }
+        let color = Tensor::from_data(TensorData::new(color, [n, 3]), device);
+        Self::new(&rays, color, object, z_depth, pixels, bound, device)
+    }
+
+    /// Puts a batch together from its rays and what their pixels show; see the fields.
+    pub fn new(
+        rays: &[Ray],
+        color: Tensor<2>,
+        object: Vec<bool>,
+        z_depth: Vec<f32>,
+        patch_pixels: usize,
+        bound: Option<&SkipGrid>,
+        device: &Device,
+    ) -> Self {
         let cube = UnitCube::default();
-        let in_cube = rays.iter().map(|ray| cube.intersect(ray).is_some()).collect();
+        let in_cube: Vec<_> = rays.iter().map(|ray| cube.intersect(ray)).collect();
+        let search = |i: usize| match bound {
+            Some(bound) => bound.interval(&rays[i]).or(in_cube[i].filter(|_| object[i])),
+            None => in_cube[i],
+        };
+        let mut searched = Vec::new();
+        let mut within = Vec::with_capacity(rays.len());
+        for (i, ray) in rays.iter().enumerate() {
+            let (entry, exit) = search(i).inspect(|_| searched.push(i as i64)).unwrap_or(NOWHERE);
+            within.push((*ray, entry, exit));
+        }
+        let depths = |part: fn((f64, f64)) -> f64| -> Tensor<1> {
+            let values: Vec<f64> = in_cube.iter().map(|interval| part(interval.unwrap_or(NOWHERE))).collect();
+            Tensor::from_data(TensorData::new(values, [rays.len()]), device)
+        };
         Self {
-            rays: Rays::new(&rays, cube, device),
-            color: Tensor::from_data(TensorData::new(color, [n, 3]), device),
+            rays: Rays::within(&within, device),
+            searched,
+            cube_interval: [depths(|(entry, _)| entry), depths(|(_, exit)| exit)],
+            color,
             object,
             z_depth,
-            in_cube,
-            patch_pixels: (size * size) as usize,
+            in_cube: in_cube.iter().map(Option::is_some).collect(),
+            patch_pixels,
         }
     }
 

@@ -80,16 +80,18 @@ pub enum OccupancyPoint {
     Densest,
 }
 
-/// How the network starts.
+/// What the masks alone are used for: their visual hull.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct WarmStart {
-    /// Steps of plain occupancy fitting to the visual hull of the masks before rays are cast; 0 starts from noise.
-    pub steps: usize,
-    /// Points a step.
-    pub points: usize,
+pub struct HullUse {
     /// Voxels along an edge of the hull.
     pub resolution: usize,
+    /// Steps of plain occupancy fitting to the hull before rays are cast; 0 starts from noise.
+    pub warm_start_steps: usize,
+    /// Points a step of it.
+    pub warm_start_points: usize,
+    /// Whether rays are only searched inside the hull (and a voxel around it) rather than in the whole cube.
+    pub bound_rays: bool,
 }
 
 /// One entry of the sampling schedule.
@@ -114,8 +116,8 @@ pub struct TrainConfig {
     pub steps: usize,
     /// The network.
     pub model: DecoderConfig,
-    /// How the network starts.
-    pub warm_start: WarmStart,
+    /// What the visual hull of the masks is used for.
+    pub hull: HullUse,
     /// Rays a step, over all training views.
     pub rays: usize,
     /// Edge of the square pixel patches that rays come in; 2 or more for the image gradient term.
@@ -161,15 +163,15 @@ impl TrainConfig {
         Self {
             supervision,
             seed: 0,
-            steps: 1500,
-            model: DecoderConfig::new(),
-            warm_start: WarmStart { steps: 300, points: 4096, resolution: 64 },
+            steps: 1000,
+            model: DecoderConfig::new().with_octaves(4),
+            hull: HullUse { resolution: 64, warm_start_steps: 300, warm_start_points: 2048, bound_rays: true },
             rays: 1024,
             patch_size: 2,
             object_share: 0.5,
             march: vec![
-                MarchStage { from_percent: 0, samples: 32 },
-                MarchStage { from_percent: 70, samples: 64 },
+                MarchStage { from_percent: 0, samples: 24 },
+                MarchStage { from_percent: 70, samples: 48 },
             ],
             jitter: true,
             root: RootMethod::default(),
@@ -189,7 +191,7 @@ impl TrainConfig {
                 normal_distance: 0.01,
                 normal_points: 256,
             },
-            learning_rate: 1e-3,
+            learning_rate: 3e-3,
             milestones_percent: vec![60, 85],
             learning_rate_factor: 0.3,
             hold_out_every: 8,
@@ -361,7 +363,7 @@ mod tests {
     #[test]
     fn schedules_hold_from_their_percentage_on() {
         let config = TrainConfig { steps: 1000, ..TrainConfig::new(Supervision::Rgb) };
-        assert_eq!((config.samples_at(0), config.samples_at(699), config.samples_at(700)), (32, 32, 64));
+        assert_eq!((config.samples_at(0), config.samples_at(699), config.samples_at(700)), (24, 24, 48));
         assert!(config.learning_rate_at(600) < config.learning_rate_at(599));
     }
 }

@@ -19,7 +19,7 @@ mod warm_start;
 
 pub use batch::{PixelBatch, PixelSampling};
 pub use checkpoint::{Best, CHECKPOINT_VERSION, Checkpoint, CheckpointHeader};
-pub use config::{LossWeights, MarchStage, OccupancyPoint, Supervision, TrainConfig, WarmStart};
+pub use config::{HullUse, LossWeights, MarchStage, OccupancyPoint, Supervision, TrainConfig};
 pub use error::{Error, Result};
 pub use evaluate::{ShapeEvaluation, ViewEvaluation, evaluate_shape, evaluate_views};
 pub use export::{object_mesh, world_mesh};
@@ -28,4 +28,4 @@ pub use objective::{StepLoss, StepNoise, step_loss};
 pub use run::{Observer, RunFolder, RunOptions, Stop, Trained, decoder_of, train};
 pub use trainer::{StepReport, Trainer, ViewSplit};
 pub use validate::{Agreement, agreement};
-pub use warm_start::{carve_hull, warm_start};
+pub use warm_start::{carve_hull, hull_bound, warm_start};

@@ -1,6 +1,6 @@
 //! One training step's loss: march without gradient, put the hits on the graph, compare with the pixels.
 
-use burn::tensor::{Device, Int, Tensor, TensorData};
+use burn::tensor::{Device, IndexingUpdateOp, Int, Tensor, TensorData};
 use dvr_render::{Field, Hits, March, MarchSettings, Marcher, Query, Rays, Surface, TensorMarcher};
 use rand::Rng;
 
@@ -59,9 +59,8 @@ pub fn step_loss(
         root_steps: config.root_steps,
         ..MarchSettings::default()
     };
-    let jitter = noise.jitter.as_ref().map(|jitter| floats(jitter, &device));
-    let march = TensorMarcher::new(frozen, settings).march(&batch.rays, jitter);
-    let roles = Roles::sort(batch, &march);
+    let march = search(frozen, batch, noise, settings);
+    let roles = Roles::sort(batch, march.as_ref());
 
     let weights = &config.losses;
     let mut terms = Vec::new();
@@ -71,7 +70,7 @@ pub fn step_loss(
         }
     };
 
-    if let Some(hits) = &march.hits {
+    if let Some(hits) = march.as_ref().and_then(|march| march.hits.as_ref()) {
         let surface = Surface::on_graph(field, frozen, hits, config.slope);
         surface_terms(&surface, batch, &roles, config, &mut add);
         if !roles.background_hits.is_empty() {
@@ -82,20 +81,24 @@ pub fn step_loss(
             add("normal", weights.normal, normal_term(field, hits, noise, config));
         }
     }
-    let missed = MissedPoints { march: &march, rays: &batch.rays, along: floats(&noise.along, &device) };
+    let anywhere = random_depth(batch, &floats(&noise.along, &device));
     if !roles.free.is_empty() && weights.free_space > 0.0 {
-        let logit = missed.logits(field, &roles.free, false);
+        let logit = logits_on_rays(field, batch, &roles.free, anywhere.clone());
         add("free_space_missed", weights.free_space, losses::free_space(logit));
     }
     if !roles.starts_inside.is_empty() && weights.free_space > 0.0 {
-        let at = indices(&roles.starts_inside, &device);
-        let rays = batch.rays.select(&at);
-        let logit = field.occupancy_logit(&lifted(&rays, rays.entry.clone()));
+        let logit = logits_on_rays(field, batch, &roles.starts_inside, batch.rays.entry.clone());
         add("free_space_entry", weights.free_space, losses::free_space(logit));
     }
     if !roles.missed_object.is_empty() && weights.occupancy > 0.0 {
-        let densest = config.occupancy_point == OccupancyPoint::Densest;
-        let logit = missed.logits(field, &roles.missed_object, densest);
+        let depth = match (config.occupancy_point, &march) {
+            (OccupancyPoint::Densest, Some(march)) => {
+                let at = indices(&batch.searched, &device);
+                anywhere.clone().zeros_like().select_assign(0, at, march.densest_depth.clone(), IndexingUpdateOp::Add)
+            }
+            _ => anywhere,
+        };
+        let logit = logits_on_rays(field, batch, &roles.missed_object, depth);
         add("occupancy", weights.occupancy, losses::occupancy(logit));
     }
 
@@ -161,26 +164,26 @@ fn normal_term(field: &impl Field, hits: &Hits, noise: &StepNoise, config: &Trai
     losses::normal_smoothness(gradient, neighbor_gradient) * (hits.len() as f64 / count as f64)
 }
 
-/// Where rays that hit nothing are asked for occupancy.
-struct MissedPoints<'a> {
-    march: &'a March,
-    rays: &'a Rays,
-    along: Tensor<1>,
+/// Marches the rays that are to be searched; hits and the like are indexed by their place among these.
+fn search(frozen: &impl Field, batch: &PixelBatch, noise: &StepNoise, settings: MarchSettings) -> Option<March> {
+    if batch.searched.is_empty() {
+        return None;
+    }
+    let at = indices(&batch.searched, &frozen.device());
+    let jitter = noise.jitter.as_ref().map(|jitter| floats(jitter, &frozen.device()).select(0, at.clone()));
+    Some(TensorMarcher::new(frozen, settings).march(&batch.rays.select(&at), jitter))
 }
 
-impl MissedPoints<'_> {
-    /// Logits on the graph, at the densest sample of each ray or at a random depth.
-    fn logits(&self, field: &impl Field, rays: &[i64], densest: bool) -> Tensor<1> {
-        let at = indices(rays, &self.along.device());
-        let rays = self.rays.select(&at);
-        let depth = if densest {
-            self.march.densest_depth.clone().select(0, at)
-        } else {
-            let share = self.along.clone().select(0, at);
-            rays.entry.clone() + (rays.exit.clone() - rays.entry.clone()) * share
-        };
-        field.occupancy_logit(&lifted(&rays, depth))
-    }
+/// A random depth between each ray's entry into the cube and its exit, `[n]`.
+fn random_depth(batch: &PixelBatch, share: &Tensor<1>) -> Tensor<1> {
+    let [entry, exit] = batch.cube_interval.clone();
+    entry.clone() + (exit - entry) * share.clone()
+}
+
+/// Logits on the graph, for some rays of the batch, at one depth a ray of the whole batch.
+fn logits_on_rays(field: &impl Field, batch: &PixelBatch, rays: &[i64], depth: Tensor<1>) -> Tensor<1> {
+    let at = indices(rays, &depth.device());
+    field.occupancy_logit(&lifted(&batch.rays.select(&at), depth.select(0, at)))
 }
 
 /// Points on rays as a query on the autodiff device.
@@ -206,14 +209,18 @@ struct Roles {
 
 impl Roles {
     /// Sorts the rays of a batch by what the march found: the one read-back of a step besides its statistics.
-    fn sort(batch: &PixelBatch, march: &March) -> Self {
+    fn sort(batch: &PixelBatch, march: Option<&March>) -> Self {
         let mut roles = Self::default();
-        let starts_inside: Vec<bool> = march.starts_inside.clone().into_data().iter::<bool>().collect();
-        let hit_rays: Vec<i64> =
-            march.hits.as_ref().map(|hits| hits.index.clone().into_data().iter::<i64>().collect()).unwrap_or_default();
+        let mut starts_inside = vec![false; batch.len()];
         let mut hit_of_ray = vec![None; batch.len()];
-        for (hit, &ray) in hit_rays.iter().enumerate() {
-            hit_of_ray[ray as usize] = Some(hit as i64);
+        if let Some(march) = march {
+            for (inside, &ray) in march.starts_inside.clone().into_data().iter::<bool>().zip(&batch.searched) {
+                starts_inside[ray as usize] = inside;
+            }
+            let index = march.hits.as_ref().map(|hits| hits.index.clone().into_data());
+            for (hit, place) in index.iter().flat_map(|index| index.iter::<i64>()).enumerate() {
+                hit_of_ray[batch.searched[place as usize] as usize] = Some(hit as i64);
+            }
         }
         let (mut intersection, mut union) = (0usize, 0usize);
         for ray in (0..batch.len()).filter(|&ray| batch.in_cube[ray]) {

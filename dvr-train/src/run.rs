@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use burn::module::Module;
 use burn::tensor::Device;
-use dvr_core::{Scene, View};
+use dvr_core::Scene;
 use dvr_model::Decoder;
 use dvr_render::{MarchSettings, RenderSettings};
 
@@ -16,7 +16,7 @@ use crate::error::{Error, Result};
 use crate::metrics_log::MetricsLog;
 use crate::trainer::{Trainer, ViewSplit};
 use crate::validate::{Agreement, agreement};
-use crate::warm_start::{carve_hull, warm_start};
+use crate::warm_start::{carve_hull, hull_bound, warm_start};
 
 /// Where the parts of a run lie.
 #[derive(Clone, Debug)]
@@ -198,11 +198,21 @@ pub fn train(
     let start = Instant::now();
     let elapsed = || before + start.elapsed().as_secs_f64();
 
+    let hull = carve_hull(&views.train, config.hull.resolution)?;
+    if hull.is_empty() {
+        observer.note("the masks have no visual hull in common: training starts from noise (see `dvr info`)");
+    }
     let field = match resume_from {
         Some(checkpoint) => checkpoint.restore_model(field)?,
-        None => start_field(field, &views.train, &config, options, observer)?,
+        None if hull.is_empty() || config.hull.warm_start_steps == 0 => field,
+        None => {
+            observer.phase("fitting the visual hull", config.hull.warm_start_steps);
+            let progress = |done| observer.progress(done, "");
+            warm_start(field, &hull, &config, &options.device, options.interrupted, progress)
+        }
     };
-    let mut trainer = Trainer::new(field, views, config.clone(), options.device.clone());
+    let bound = if config.hull.bound_rays { hull_bound(&hull) } else { None };
+    let mut trainer = Trainer::new(field, views, bound, config.clone(), options.device.clone());
     let mut log = MetricsLog::default();
     let mut best = None;
     if let Some(checkpoint) = resume_from {
@@ -265,26 +275,6 @@ pub fn train(
         options.folder.load()?
     };
     Ok(Trained { checkpoint, stop, steps, seconds: elapsed(), validation })
-}
-
-/// Gives a fresh network its first shape.
-fn start_field(
-    field: Decoder,
-    views: &[&View],
-    config: &TrainConfig,
-    options: &RunOptions,
-    observer: &mut dyn Observer,
-) -> Result<Decoder> {
-    if config.warm_start.steps == 0 {
-        return Ok(field);
-    }
-    let hull = carve_hull(views, config.warm_start.resolution)?;
-    if hull.is_empty() {
-        observer.note("the masks have no visual hull in common: training starts from noise (see `dvr info`)");
-        return Ok(field);
-    }
-    observer.phase("fitting the visual hull", config.warm_start.steps);
-    Ok(warm_start(field, &hull, config, &options.device, options.interrupted, |done| observer.progress(done, "")))
 }
 
 /// Agreement with the held-out views on a fixed subset of their pixels.

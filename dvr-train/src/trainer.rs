@@ -4,7 +4,7 @@ use burn::module::Module;
 use burn::optim::{AdamConfig, GradientsParams, ModuleOptimizer};
 use burn::tensor::Device;
 use dvr_core::{Scene, Split, View};
-use dvr_render::Field;
+use dvr_render::{Field, SkipGrid};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
@@ -70,6 +70,7 @@ pub struct Trainer<'a, F> {
     config: TrainConfig,
     views: ViewSplit<'a>,
     device: Device,
+    bound: Option<SkipGrid>,
     field: F,
     optimizer: ModuleOptimizer,
     step: usize,
@@ -88,9 +89,15 @@ pub(crate) fn step_rng(seed: u64, stream: u64) -> ChaCha8Rng {
 }
 
 impl<'a, F: Field + Module> Trainer<'a, F> {
-    /// Takes a field on `device.autodiff()`.
-    pub fn new(field: F, views: ViewSplit<'a>, config: TrainConfig, device: Device) -> Self {
-        Self { config, views, device, field, optimizer: adam(), step: 0 }
+    /// Takes a field on `device.autodiff()`, and where the object can be (see [`PixelBatch::draw`]).
+    pub fn new(
+        field: F,
+        views: ViewSplit<'a>,
+        bound: Option<SkipGrid>,
+        config: TrainConfig,
+        device: Device,
+    ) -> Self {
+        Self { config, views, device, bound, field, optimizer: adam(), step: 0 }
     }
 
     /// The configuration.
@@ -124,7 +131,7 @@ impl<'a, F: Field + Module> Trainer<'a, F> {
         let mut rng = step_rng(config.seed, self.step as u64 + 1);
         let sampling =
             PixelSampling { rays: config.rays, patch_size: config.patch_size, object_share: config.object_share };
-        let batch = PixelBatch::draw(&self.views.train, sampling, &mut rng, &self.device);
+        let batch = PixelBatch::draw(&self.views.train, sampling, self.bound.as_ref(), &mut rng, &self.device);
         let noise = StepNoise::draw(config, batch.len(), &mut rng);
         let frozen = self.field.valid();
         let loss = step_loss(&self.field, &frozen, &batch, &noise, config, self.step);

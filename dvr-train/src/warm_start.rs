@@ -12,7 +12,7 @@ use burn::tensor::activation::softplus;
 use burn::tensor::{Device, Tensor, TensorData};
 use dvr_core::hull::{Bounds, HullSettings, VisualHull};
 use dvr_core::{UnitCube, View};
-use dvr_render::{Field, Query};
+use dvr_render::{Field, Query, SkipGrid};
 use glam::Vec3;
 use rand::Rng;
 
@@ -36,16 +36,16 @@ pub fn warm_start<F: Field + Module>(
     if voxels.is_empty() {
         return field;
     }
-    let settings = &config.warm_start;
+    let settings = &config.hull;
     let mut optimizer = AdamConfig::new().with_epsilon(1e-8).init();
     // A stream of its own, far from those of the steps.
     let mut rng = step_rng(config.seed, u64::MAX);
     let half = UnitCube::default().half_extent() as f32;
     let reach = 4.0 * 2.0 * half / settings.resolution as f32;
-    for step in 0..settings.steps {
-        let mut points = Vec::with_capacity(3 * settings.points);
-        let mut wanted_sign = Vec::with_capacity(settings.points);
-        for _ in 0..settings.points {
+    for step in 0..settings.warm_start_steps {
+        let mut points = Vec::with_capacity(3 * settings.warm_start_points);
+        let mut wanted_sign = Vec::with_capacity(settings.warm_start_points);
+        for _ in 0..settings.warm_start_points {
             let noise = Vec3::new(rng.random(), rng.random(), rng.random()) * 2.0 - 1.0;
             let point = if rng.random_bool(SHARE_NEAR) {
                 (voxels[rng.random_range(0..voxels.len())] + noise * reach).clamp(Vec3::splat(-half), Vec3::splat(half))
@@ -55,7 +55,7 @@ pub fn warm_start<F: Field + Module>(
             points.extend(point.to_array());
             wanted_sign.push(if hull.contains(point.as_dvec3()) { -1.0f32 } else { 1.0 });
         }
-        let n = settings.points;
+        let n = settings.warm_start_points;
         let query = Query::new(Tensor::from_data(TensorData::new(points, [n, 3]), &device.clone().autodiff()));
         let sign = Tensor::<1>::from_data(TensorData::new(wanted_sign, [n]), &device.clone().autodiff());
         // softplus(-f) where inside is wanted, softplus(f) where outside is: binary cross entropy on logits.
@@ -82,4 +82,10 @@ pub fn carve_hull(views: &[&View], resolution: usize) -> Result<VisualHull> {
     let bounds = Bounds::cube(glam::DVec3::ZERO, UnitCube::default().half_extent());
     let settings = HullSettings { max_disagreeing: views.len() / 20, ..HullSettings::default() };
     Ok(VisualHull::carve(&pairs, bounds, resolution, &settings)?)
+}
+
+/// Where the object can be: the hull and a voxel around it, or `None` where it is empty.
+pub fn hull_bound(hull: &VisualHull) -> Option<SkipGrid> {
+    let may_hold = |voxel| hull.voxel(voxel);
+    (!hull.is_empty()).then(|| SkipGrid::of_cells(UnitCube::default(), hull.resolution(), may_hold))
 }
