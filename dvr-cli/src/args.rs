@@ -142,6 +142,9 @@ pub struct TrainArgs {
     /// What teaches the shape: rgb, depth or rgb+depth [default: rgb]
     #[arg(long, value_name = "WHAT", help_heading = "Training")]
     pub supervision: Option<Supervision>,
+    /// Where the configuration starts from
+    #[arg(long, value_enum, default_value_t = Preset::Default, help_heading = "Training")]
+    pub preset: Preset,
     /// Optimiser steps [default: see --print-config]
     #[arg(long, value_name = "N", help_heading = "Training")]
     pub steps: Option<usize>,
@@ -166,6 +169,15 @@ pub struct TrainArgs {
     pub backend: BackendArg,
     #[command(flatten)]
     pub reading: SceneArgs,
+}
+
+/// Where a configuration starts from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Preset {
+    /// Visual hull start, positional encoding: minutes
+    Default,
+    /// The settings of the original publication: hours
+    Classic,
 }
 
 /// How a mesh is extracted.

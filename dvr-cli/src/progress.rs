@@ -32,7 +32,8 @@ impl Observer for Progress {
         (self.name, self.total) = (name.to_owned(), steps);
         self.last_line = Instant::now();
         if self.terminal {
-            let style = ProgressStyle::with_template("{prefix} [{bar:30}] {pos}/{len}  {elapsed} of about {eta} left  {msg}");
+            let style =
+                ProgressStyle::with_template("{prefix} [{bar:30}] {pos}/{len}  {elapsed} of about {eta} left  {msg}");
             self.bar = ProgressBar::with_draw_target(Some(steps as u64), ProgressDrawTarget::stderr());
             if let Ok(style) = style {
                 self.bar.set_style(style.progress_chars("=> "));

@@ -1,4 +1,24 @@
 //! What a scene is: cameras, rays, images, masks, depth maps, meshes, datasets and metrics. No neural network.
+//!
+//! ```
+//! use dvr_core::dataset::{ReadOptions, read_scene};
+//! use dvr_core::hull::{Bounds, HullSettings, VisualHull};
+//! use dvr_core::mesh::{TexturedMesh, shapes};
+//! use dvr_core::synth::{SynthConfig, render_dataset};
+//!
+//! // Render a torus from twelve sides into a dataset, and read it like any other scene.
+//! let folder = tempfile::tempdir()?;
+//! let torus = TexturedMesh { mesh: shapes::torus(1.0, 0.3, 32, 16), ..TexturedMesh::default() };
+//! let config = SynthConfig { views: 12, surface_points: 1000, occupancy_points: 1000, ..SynthConfig::default() };
+//! render_dataset(&torus, "torus", "rings", folder.path(), &config, &|_, _| ())?;
+//! let scene = read_scene(&folder.path().join("rings/torus"), &ReadOptions::default())?;
+//!
+//! // What no mask rules out contains the object.
+//! let views: Vec<_> = scene.views.iter().map(|view| (&view.camera, &view.mask)).collect();
+//! let hull = VisualHull::carve(&views, Bounds::UNIT_CUBE, 32, &HullSettings::default())?;
+//! println!("{} views; the hull fills {:.0} % of the cube", scene.views.len(), 100.0 * hull.volume());
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 #![warn(missing_docs)]
 

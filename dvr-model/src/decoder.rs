@@ -183,10 +183,7 @@ impl Conditioned {
 
 /// Raw outputs as a logit and a colour.
 fn as_values(out: Tensor<2>) -> FieldValues {
-    FieldValues {
-        occupancy_logit: out.clone().narrow(1, 0, 1).squeeze_dim(1),
-        color: sigmoid(out.narrow(1, 1, 3)),
-    }
+    FieldValues { occupancy_logit: out.clone().narrow(1, 0, 1).squeeze_dim(1), color: sigmoid(out.narrow(1, 1, 3)) }
 }
 
 impl Field for Conditioned {
@@ -199,8 +196,7 @@ impl Field for Conditioned {
     }
 
     fn jet(&self, query: &Query, direction: Tensor<2>) -> FieldJet {
-        let (out, mut tangents) =
-            self.decoder.forward_mode(query.points.clone(), self.code_of(query), vec![direction]);
+        let (out, mut tangents) = self.decoder.forward_mode(query.points.clone(), self.code_of(query), vec![direction]);
         let value = as_values(out);
         let tangent = tangents.remove(0);
         // d sigmoid(x) = sigmoid(x) (1 - sigmoid(x)) dx

@@ -1,4 +1,26 @@
-//! Burn modules for differentiable volumetric rendering.
+//! Burn modules for differentiable volumetric rendering: the decoder of the original, its records and export.
+//!
+//! ```
+//! use burn::tensor::{Device, Tensor};
+//! use dvr_model::{DecoderConfig, from_safetensors, to_safetensors};
+//! use dvr_render::{Field, Query};
+//!
+//! // A network for one scene, asked at two points for value and slope along x in one forward-mode pass.
+//! let device = Device::flex();
+//! let config = DecoderConfig::new().with_hidden(32).with_octaves(4);
+//! let decoder = config.init(&device);
+//! let points = Query::new(Tensor::from_floats([[0.0, 0.1, 0.2], [0.3, 0.0, -0.1]], &device));
+//! let along_x = Tensor::from_floats([[1.0, 0.0, 0.0], [1.0, 0.0, 0.0]], &device);
+//! let jet = decoder.jet(&points, along_x);
+//! println!("logits {} slopes {}", jet.value.occupancy_logit, jet.derivative.occupancy_logit);
+//!
+//! // To safetensors, with PyTorch's names and layout, and back.
+//! let bytes = to_safetensors(&decoder, &config)?;
+//! let (read_config, _) = from_safetensors(&bytes, &device)?;
+//! assert_eq!(read_config, config);
+//! # Ok::<(), dvr_model::RecordError>(())
+//! ```
+
 #![warn(missing_docs)]
 
 mod decoder;
@@ -6,6 +28,4 @@ mod encoding;
 mod record;
 
 pub use decoder::{Conditioned, Decoder, DecoderConfig, ResnetBlock};
-pub use record::{
-    FORMAT_VERSION, RecordError, from_safetensors, load_safetensors, save_safetensors, to_safetensors,
-};
+pub use record::{FORMAT_VERSION, RecordError, from_safetensors, load_safetensors, save_safetensors, to_safetensors};

@@ -9,13 +9,13 @@
 // Upstream deprecates burn-ndarray; here it is only a second oracle, behind a feature.
 #![allow(deprecated)]
 
+#[cfg(feature = "ndarray")]
+use burn::backend::NdArray;
 use burn::backend::autodiff::checkpoint::base::Checkpointer;
 use burn::backend::autodiff::checkpoint::strategy::CheckpointStrategy;
 use burn::backend::autodiff::grads::Gradients;
 use burn::backend::autodiff::ops::{Backward, Ops, OpsKind, unary};
 use burn::backend::tensor::FloatTensor;
-#[cfg(feature = "ndarray")]
-use burn::backend::NdArray;
 use burn::backend::{Autodiff, Backend, Dispatch, Flex, backend_extension};
 use burn::tensor::Tensor;
 use serde::{Deserialize, Serialize};

@@ -1,4 +1,39 @@
-//! From an implicit field to pictures and meshes.
+//! From an implicit field to pictures and meshes: ray marching, root finding, the differentiable depth, rendering, and
+//! mesh extraction. A field is known through the [`Field`] trait only.
+//!
+//! ```
+//! use burn::tensor::{Device, Tensor};
+//! use dvr_core::Camera;
+//! use dvr_render::extract::{ExtractSettings, FieldSurface, extract_mesh};
+//! use dvr_render::{Field, FieldValues, Query, RenderSettings, render_view};
+//! use glam::DVec3;
+//!
+//! /// A ball of radius 0.3, coloured by position.
+//! struct Ball;
+//!
+//! impl Field for Ball {
+//!     fn evaluate(&self, query: &Query) -> FieldValues {
+//!         let radius = query.points.clone().square().sum_dim(1).sqrt().squeeze_dim::<1>(1);
+//!         FieldValues { occupancy_logit: radius.neg() + 0.3, color: query.points.clone() + 0.5 }
+//!     }
+//!
+//!     fn device(&self) -> Device {
+//!         Device::flex()
+//!     }
+//! }
+//!
+//! // What a camera two units away sees.
+//! let camera = Camera::look_at(32, 32, 50.0, DVec3::new(0.0, 0.0, -2.0), DVec3::ZERO, DVec3::Y);
+//! let picture = render_view(&Ball, &camera, &RenderSettings::default(), None);
+//! assert!((picture.depth.get(16, 16) - 1.7).abs() < 1e-3);
+//!
+//! // The same surface as a watertight mesh.
+//! let settings = ExtractSettings { resolution: 32, upsampling_steps: 1, ..ExtractSettings::default() };
+//! let mesh = extract_mesh(&FieldSurface::new(&Ball), &settings, &[])?.mesh;
+//! assert!(mesh.vertices.iter().all(|v| (v.length() - 0.3).abs() < 1e-3));
+//! # Ok::<(), dvr_render::extract::ExtractError>(())
+//! ```
+
 #![warn(missing_docs)]
 
 pub mod extract;

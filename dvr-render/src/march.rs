@@ -95,7 +95,8 @@ pub struct TensorMarcher<F> {
 impl<F: Field> TensorMarcher<F> {
     /// Marches through `field`, which must not track gradients (`Module::valid`).
     pub fn new(field: F, settings: MarchSettings) -> Self {
-        let settings = MarchSettings { steps: settings.steps.max(2), max_points: settings.max_points.max(1), ..settings };
+        let settings =
+            MarchSettings { steps: settings.steps.max(2), max_points: settings.max_points.max(1), ..settings };
         Self { field, settings }
     }
 

@@ -95,11 +95,7 @@ fn chandrupatla(bracket: Bracket, steps: usize, logit: impl Fn(Tensor<1>) -> Ten
         let phi = (f1.clone() - f2.clone()) / (f3.clone() - f2.clone());
         // Comparisons with NaN (three equal points or values) are false: those rays bisect.
         let one_minus = |v: Tensor<1>| v.neg() + 1.0;
-        let safe = phi
-            .clone()
-            .square()
-            .lower(xi.clone())
-            .bool_and(one_minus(phi).square().lower(one_minus(xi)));
+        let safe = phi.clone().square().lower(xi.clone()).bool_and(one_minus(phi).square().lower(one_minus(xi)));
         let interpolated = f1.clone() / (f2.clone() - f1.clone()) * f3.clone() / (f2.clone() - f3.clone())
             + (x3 - x1.clone()) / (x2.clone() - x1.clone()) * f1.clone() / (f3.clone() - f1.clone()) * f2.clone()
                 / (f3 - f2.clone());

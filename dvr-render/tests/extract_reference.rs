@@ -37,7 +37,7 @@ impl Reference {
         ])
     }
 
-    fn array<T: npyz::Deserialize>(&self, key: &str) -> Vec<T> {
+    fn array<T: support::FromNumber>(&self, key: &str) -> Vec<T> {
         array(&self.file, &format!("{}.{key}", self.name))
     }
 

@@ -110,8 +110,11 @@ fn depth_operation(c: &mut Criterion) {
 /// The project's own demo scene.
 fn demo_folder() -> std::path::PathBuf {
     let scenes = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/scenes");
-    let mut folders: Vec<_> =
-        std::fs::read_dir(scenes).expect("assets").filter_map(|e| Some(e.ok()?.path())).filter(|p| p.is_dir()).collect();
+    let mut folders: Vec<_> = std::fs::read_dir(scenes)
+        .expect("assets")
+        .filter_map(|e| Some(e.ok()?.path()))
+        .filter(|p| p.is_dir())
+        .collect();
     folders.sort();
     folders.remove(0)
 }

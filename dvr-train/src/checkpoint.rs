@@ -132,9 +132,9 @@ impl Checkpoint {
     /// When their names or shapes are not those of `model`.
     pub fn restore_model<M: Module>(&self, model: M) -> Result<M> {
         let record = ModuleRecord::from_bytes(Bytes::from_bytes_vec(self.model.clone()));
-        record.and_then(|record| model.try_load_record(record)).map_err(|e| {
-            Error::Config(format!("the checkpoint's parameters do not fit its own configuration: {e}"))
-        })
+        record
+            .and_then(|record| model.try_load_record(record))
+            .map_err(|e| Error::Config(format!("the checkpoint's parameters do not fit its own configuration: {e}")))
     }
 
     /// Puts the stored moments into `optimizer`.

@@ -58,6 +58,8 @@ pub struct LossWeights {
     pub depth_on_points: bool,
     /// Depth at the projections of sparse points, where the dataset has them (COLMAP, `pcl.npz`).
     pub sparse_depth: f64,
+    /// Sparse points a step.
+    pub sparse_points: usize,
     /// Free space along rays of background pixels.
     pub free_space: f64,
     /// Occupancy somewhere on rays of object pixels that hit nothing.
@@ -169,10 +171,7 @@ impl TrainConfig {
             rays: 1024,
             patch_size: 2,
             object_share: 0.5,
-            march: vec![
-                MarchStage { from_percent: 0, samples: 24 },
-                MarchStage { from_percent: 70, samples: 48 },
-            ],
+            march: vec![MarchStage { from_percent: 0, samples: 24 }, MarchStage { from_percent: 70, samples: 48 }],
             jitter: true,
             root: RootMethod::default(),
             root_steps: 4,
@@ -185,6 +184,7 @@ impl TrainConfig {
                 depth,
                 depth_on_points: true,
                 sparse_depth: 0.0,
+                sparse_points: 128,
                 free_space: 1.0,
                 occupancy: 1.0,
                 normal: 0.05,
@@ -197,6 +197,29 @@ impl TrainConfig {
             hold_out_every: 8,
             validate_every: 250,
             checkpoint_every: 250,
+        }
+    }
+
+    /// The original's settings, with its faults in sampling and slopes repaired: a network without encoding that starts
+    /// from noise, rays through the whole cube, 16 to 128 samples (its 50k, 100k and 250k steps as shares of 300k),
+    /// false position, occupancy at random points. For comparison, and for long runs.
+    pub fn classic(supervision: Supervision) -> Self {
+        let base = Self::new(supervision);
+        Self {
+            model: DecoderConfig::new(),
+            hull: HullUse { warm_start_steps: 0, bound_rays: false, ..base.hull },
+            object_share: 0.0,
+            march: [(0, 16), (17, 32), (33, 64), (83, 128)]
+                .map(|(from_percent, samples)| MarchStage { from_percent, samples })
+                .to_vec(),
+            jitter: false,
+            root: RootMethod::Secant,
+            root_steps: 8,
+            occupancy_point: OccupancyPoint::Random,
+            losses: LossWeights { normal: 0.1, normal_distance: 1e-3, normal_points: usize::MAX, ..base.losses },
+            learning_rate: 5e-4,
+            milestones_percent: Vec::new(),
+            ..base
         }
     }
 
@@ -322,6 +345,8 @@ mod tests {
     #[test]
     fn a_config_survives_a_round_trip() {
         for supervision in [Supervision::Rgb, Supervision::Depth, Supervision::RgbDepth] {
+            let classic = TrainConfig::classic(supervision);
+            assert_eq!(TrainConfig::from_json(&serde_json::to_string(&classic).unwrap()).unwrap(), classic);
             let config = TrainConfig::new(supervision);
             assert_eq!(TrainConfig::from_json(&serde_json::to_string(&config).unwrap()).unwrap(), config);
         }

@@ -25,7 +25,9 @@ pub enum Error {
         remedy: String,
     },
     /// The loss is no longer a number.
-    #[error("the loss became {value} in step {step}. The last checkpoint is kept; resume with a smaller learning_rate.")]
+    #[error(
+        "the loss became {value} in step {step}. The last checkpoint is kept; resume with a smaller learning_rate."
+    )]
     Diverged {
         /// The step.
         step: usize,

@@ -1,7 +1,7 @@
 //! The final figures: shape against the truth, pictures against views that were not trained on.
 
-use dvr_core::mesh::Mesh;
 use dvr_core::inside::points_inside;
+use dvr_core::mesh::Mesh;
 use dvr_core::metrics::intersection_over_union;
 use dvr_core::metrics::picture::{mask_iou, psnr, ssim};
 use dvr_core::metrics::shape::{F_SCORE_THRESHOLDS, SURFACE_SAMPLES, ShapeScore, cloud_floor, score_surface};

@@ -1,4 +1,40 @@
-//! Training.
+//! Losses, schedules, the trainer, run folders and evaluation.
+//!
+//! The whole job on a scene that this example renders itself: a ball, seen from eight sides, trained for a few steps.
+//!
+//! ```
+//! use std::sync::atomic::AtomicBool;
+//!
+//! use burn::tensor::Device;
+//! use dvr_core::dataset::{ReadOptions, read_scene};
+//! use dvr_core::mesh::{TexturedMesh, shapes};
+//! use dvr_core::synth::{SynthConfig, render_dataset};
+//! use dvr_train::{Supervision, TrainConfig, Trainer, ViewSplit, carve_hull, hull_bound, warm_start};
+//!
+//! // A ball in the layout of the DVR datasets, and back.
+//! let folder = tempfile::tempdir()?;
+//! let ball = TexturedMesh { mesh: shapes::icosphere(2, 1.0), ..TexturedMesh::default() };
+//! let few = SynthConfig { views: 8, width: 16, height: 16, surface_points: 100, occupancy_points: 100, ..SynthConfig::default() };
+//! render_dataset(&ball, "ball", "balls", folder.path(), &few, &|_, _| ())?;
+//! let scene = read_scene(&folder.path().join("balls/ball"), &ReadOptions::default())?;
+//!
+//! // A small network takes the masks' hull as its first shape; then rays teach it.
+//! let device = Device::flex();
+//! let mut config = TrainConfig { rays: 64, steps: 3, ..TrainConfig::new(Supervision::Rgb) };
+//! config.model.hidden = 16;
+//! config.hull.warm_start_steps = 10;
+//! let views = ViewSplit::new(&scene, config.hold_out_every)?;
+//! let hull = carve_hull(&views.train, 32)?;
+//! let field = config.model.init(&device.clone().autodiff());
+//! let field = warm_start(field, &hull, &config, &device, &AtomicBool::new(false), |_| ());
+//! let mut trainer = Trainer::new(field, views, config, device).with_bound(hull_bound(&hull));
+//! for _ in 0..3 {
+//!     let report = trainer.step()?;
+//!     println!("step {}: loss {:.3}", report.step, report.loss);
+//! }
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
 #![warn(missing_docs)]
 
 mod batch;
@@ -13,6 +49,7 @@ mod metrics_log;
 mod objective;
 pub mod preview;
 mod run;
+mod sparse;
 mod trainer;
 mod validate;
 mod warm_start;
@@ -24,8 +61,9 @@ pub use error::{Error, Result};
 pub use evaluate::{ShapeEvaluation, ViewEvaluation, evaluate_shape, evaluate_views};
 pub use export::{object_mesh, world_mesh};
 pub use finish::{RunMetrics, SKIP_CELLS, extraction_warnings, finish, judging_views, surface_points};
-pub use objective::{StepLoss, StepNoise, step_loss};
+pub use objective::{StepLoss, StepNoise, sparse_depth_loss, step_loss};
 pub use run::{Observer, RunFolder, RunOptions, Stop, Trained, decoder_of, train};
+pub use sparse::SparseTargets;
 pub use trainer::{StepReport, Trainer, ViewSplit};
 pub use validate::{Agreement, agreement};
 pub use warm_start::{carve_hull, hull_bound, warm_start};

@@ -53,13 +53,7 @@ pub fn step_loss(
     step: usize,
 ) -> StepLoss {
     let device = frozen.device();
-    let settings = MarchSettings {
-        steps: config.samples_at(step),
-        root: config.root,
-        root_steps: config.root_steps,
-        ..MarchSettings::default()
-    };
-    let march = search(frozen, batch, noise, settings);
+    let march = search(frozen, batch, noise, march_settings(config, step));
     let roles = Roles::sort(batch, march.as_ref());
 
     let weights = &config.losses;
@@ -107,6 +101,34 @@ pub fn step_loss(
     StepLoss { total, terms, mask_iou: roles.mask_iou }
 }
 
+/// How a step's rays are searched.
+fn march_settings(config: &TrainConfig, step: usize) -> MarchSettings {
+    MarchSettings {
+        steps: config.samples_at(step),
+        root: config.root,
+        root_steps: config.root_steps,
+        ..MarchSettings::default()
+    }
+}
+
+/// The sparse depth term: L1 between the depths at which rays hit and those at which they are known to end, weighted
+/// and divided by their number. `None` where no ray hits.
+pub fn sparse_depth_loss(
+    field: &impl Field,
+    frozen: &impl Field,
+    rays: &Rays,
+    z_depth: &[f32],
+    config: &TrainConfig,
+    step: usize,
+) -> Option<Tensor<1>> {
+    let device = frozen.device();
+    let hits = TensorMarcher::new(frozen, march_settings(config, step)).march(rays, None).hits?;
+    let truth = floats(z_depth, &device).select(0, hits.index.clone());
+    let depth = Surface::on_graph(field, frozen, &hits, config.slope).depth;
+    let weight = config.losses.sparse_depth / z_depth.len() as f64;
+    Some(losses::depth_l1(depth, Tensor::from_inner(truth)) * weight)
+}
+
 /// The terms that compare the visible surface with what object pixels show.
 fn surface_terms(
     surface: &Surface,
@@ -117,7 +139,8 @@ fn surface_terms(
 ) {
     let weights = &config.losses;
     let device = batch.color.device();
-    let truth = |rays: &[i64]| -> Tensor<2> { Tensor::from_inner(batch.color.clone().select(0, indices(rays, &device))) };
+    let truth =
+        |rays: &[i64]| -> Tensor<2> { Tensor::from_inner(batch.color.clone().select(0, indices(rays, &device))) };
     if !roles.object_hits.is_empty() {
         let at = indices(&roles.object_hits, &device);
         let color = truth(&roles.object_hit_rays);
@@ -243,7 +266,9 @@ impl Roles {
                 None => roles.free.push(index),
             }
         }
-        for patch in hit_of_ray.chunks_exact(batch.patch_pixels).zip(batch.object.chunks_exact(batch.patch_pixels)).enumerate() {
+        for patch in
+            hit_of_ray.chunks_exact(batch.patch_pixels).zip(batch.object.chunks_exact(batch.patch_pixels)).enumerate()
+        {
             let (i, (hits, object)) = patch;
             if object.iter().all(|&o| o) && hits.iter().all(Option::is_some) {
                 roles.patch_hits.extend(hits.iter().flatten());

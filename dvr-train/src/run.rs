@@ -14,6 +14,7 @@ use crate::checkpoint::{Best, CHECKPOINT_VERSION, Checkpoint, CheckpointHeader};
 use crate::config::TrainConfig;
 use crate::error::{Error, Result};
 use crate::metrics_log::MetricsLog;
+use crate::sparse::SparseTargets;
 use crate::trainer::{Trainer, ViewSplit};
 use crate::validate::{Agreement, agreement};
 use crate::warm_start::{carve_hull, hull_bound, warm_start};
@@ -212,7 +213,9 @@ pub fn train(
         }
     };
     let bound = if config.hull.bound_rays { hull_bound(&hull) } else { None };
-    let mut trainer = Trainer::new(field, views, bound, config.clone(), options.device.clone());
+    let sparse = SparseTargets::new(scene, &views.train);
+    let trainer = Trainer::new(field, views, config.clone(), options.device.clone());
+    let mut trainer = trainer.with_bound(bound).with_sparse_targets(sparse);
     let mut log = MetricsLog::default();
     let mut best = None;
     if let Some(checkpoint) = resume_from {

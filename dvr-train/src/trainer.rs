@@ -2,9 +2,9 @@
 
 use burn::module::Module;
 use burn::optim::{AdamConfig, GradientsParams, ModuleOptimizer};
-use burn::tensor::Device;
-use dvr_core::{Scene, Split, View};
-use dvr_render::{Field, SkipGrid};
+use burn::tensor::{Device, Tensor};
+use dvr_core::{Scene, Split, UnitCube, View};
+use dvr_render::{Field, Rays, SkipGrid};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
@@ -12,7 +12,8 @@ use crate::batch::{PixelBatch, PixelSampling};
 use crate::checkpoint::{Checkpoint, CheckpointHeader};
 use crate::config::TrainConfig;
 use crate::error::{Error, Result};
-use crate::objective::{StepNoise, step_loss};
+use crate::objective::{StepNoise, sparse_depth_loss, step_loss};
+use crate::sparse::SparseTargets;
 
 /// The views of a scene, divided into those that teach and those that judge.
 #[derive(Clone, Debug)]
@@ -71,6 +72,7 @@ pub struct Trainer<'a, F> {
     views: ViewSplit<'a>,
     device: Device,
     bound: Option<SkipGrid>,
+    sparse: SparseTargets,
     field: F,
     optimizer: ModuleOptimizer,
     step: usize,
@@ -89,15 +91,22 @@ pub(crate) fn step_rng(seed: u64, stream: u64) -> ChaCha8Rng {
 }
 
 impl<'a, F: Field + Module> Trainer<'a, F> {
-    /// Takes a field on `device.autodiff()`, and where the object can be (see [`PixelBatch::draw`]).
-    pub fn new(
-        field: F,
-        views: ViewSplit<'a>,
-        bound: Option<SkipGrid>,
-        config: TrainConfig,
-        device: Device,
-    ) -> Self {
-        Self { config, views, device, bound, field, optimizer: adam(), step: 0 }
+    /// Takes a field on `device.autodiff()`; `device` itself is without autodiff.
+    pub fn new(field: F, views: ViewSplit<'a>, config: TrainConfig, device: Device) -> Self {
+        let sparse = SparseTargets::default();
+        Self { config, views, device, bound: None, sparse, field, optimizer: adam(), step: 0 }
+    }
+
+    /// Searches rays only where the object can be (see [`PixelBatch::draw`]).
+    #[must_use]
+    pub fn with_bound(self, bound: Option<SkipGrid>) -> Self {
+        Self { bound, ..self }
+    }
+
+    /// Also compares depths with sparse points, where the configuration gives them a weight.
+    #[must_use]
+    pub fn with_sparse_targets(self, sparse: SparseTargets) -> Self {
+        Self { sparse, ..self }
     }
 
     /// The configuration.
@@ -134,7 +143,11 @@ impl<'a, F: Field + Module> Trainer<'a, F> {
         let batch = PixelBatch::draw(&self.views.train, sampling, self.bound.as_ref(), &mut rng, &self.device);
         let noise = StepNoise::draw(config, batch.len(), &mut rng);
         let frozen = self.field.valid();
-        let loss = step_loss(&self.field, &frozen, &batch, &noise, config, self.step);
+        let mut loss = step_loss(&self.field, &frozen, &batch, &noise, config, self.step);
+        if let Some(sparse) = self.sparse_loss(&frozen, &mut rng) {
+            loss.total = loss.total + sparse.clone();
+            loss.terms.push(("sparse_depth", sparse));
+        }
 
         let value = loss.total.clone().into_scalar::<f64>();
         if !value.is_finite() {
@@ -155,6 +168,17 @@ impl<'a, F: Field + Module> Trainer<'a, F> {
         }
         self.step += 1;
         Ok(report)
+    }
+
+    /// The sparse depth term, where it has a weight and points.
+    fn sparse_loss(&self, frozen: &F, rng: &mut ChaCha8Rng) -> Option<Tensor<1>> {
+        let weights = &self.config.losses;
+        if weights.sparse_depth == 0.0 || self.sparse.is_empty() || weights.sparse_points == 0 {
+            return None;
+        }
+        let (rays, z_depth) = self.sparse.draw(weights.sparse_points, rng);
+        let rays = Rays::new(&rays, UnitCube::default(), &self.device);
+        sparse_depth_loss(&self.field, frozen, &rays, &z_depth, &self.config, self.step)
     }
 
     /// The state of the run.

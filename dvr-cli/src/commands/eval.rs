@@ -32,7 +32,10 @@ pub fn run(args: &EvalArgs) -> Result<ExitCode> {
     print_shape(&report.shape);
     print_views(&report.views);
     if report.shape == (ShapeEvaluation { surface: None, floor: None, volume_iou: None }) && report.views.is_empty() {
-        bail!("scene {:?} has neither ground truth nor views that were held out: there is nothing to compare", report.scene);
+        bail!(
+            "scene {:?} has neither ground truth nor views that were held out: there is nothing to compare",
+            report.scene
+        );
     }
     if let Some(path) = &args.json {
         dvr_core::files::write_bytes_atomically(path, serde_json::to_string_pretty(&report)?.as_bytes())?;

@@ -74,7 +74,9 @@ fn look(scene: &Scene) -> Result<Info> {
         warnings.push(if tolerated == 0 {
             "no visual hull explains these masks: cameras, masks or scale are wrong".to_owned()
         } else {
-            format!("the masks have no common visual hull; one appears when {tolerated} of them may be wrong at each point")
+            format!(
+                "the masks have no common visual hull; one appears when {tolerated} of them may be wrong at each point"
+            )
         });
     }
     for (view, &share) in scene.views.iter().zip(&unexplained) {
@@ -112,7 +114,9 @@ fn look(scene: &Scene) -> Result<Info> {
         object_center_world: scene.object_to_world.translation.to_array(),
         object_edge_world: scene.object_to_world.scale,
         hull_share_of_cube: hull.volume(),
-        hull_box: hull.bounding_box().map(|b| [b.min, b.max].map(|p| scene.object_to_world.transform_point(p).to_array())),
+        hull_box: hull
+            .bounding_box()
+            .map(|b| [b.min, b.max].map(|p| scene.object_to_world.transform_point(p).to_array())),
         sparse_points: scene.sparse_points.as_ref().map_or(0, |points| points.cloud.points.len()),
         has_surface_truth: scene.ground_truth.surface.is_some(),
         has_occupancy_truth: scene.ground_truth.occupancy.is_some(),
@@ -159,7 +163,13 @@ fn print(info: &Info) {
     match info.hull_box {
         Some([low, high]) => println!(
             "  hull        ({:.5}, {:.5}, {:.5}) to ({:.5}, {:.5}, {:.5}), {:.1} % of the unit cube",
-            low[0], low[1], low[2], high[0], high[1], high[2], 100.0 * info.hull_share_of_cube
+            low[0],
+            low[1],
+            low[2],
+            high[0],
+            high[1],
+            high[2],
+            100.0 * info.hull_share_of_cube
         ),
         None => println!("  hull        empty"),
     }

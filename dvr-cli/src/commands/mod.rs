@@ -11,8 +11,8 @@ pub mod train;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
-use dvr_core::dataset::{Normalise, ReadOptions, read_scene};
 use dvr_core::Scene;
+use dvr_core::dataset::{Normalise, ReadOptions, read_scene};
 use dvr_render::extract::ExtractSettings;
 use dvr_train::{Checkpoint, RunFolder};
 

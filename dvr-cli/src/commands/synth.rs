@@ -24,8 +24,9 @@ pub fn run(args: &SynthArgs) -> Result<ExitCode> {
     let objects = collect(&args.meshes, args.category.as_deref())?;
     let mut progress = Progress::new();
     progress.phase("rendering objects", objects.len());
-    let report =
-        render_corpus(&objects, &args.out, &config, SplitRatios::default(), &mut |done, _| progress.progress(done, ""))?;
+    let report = render_corpus(&objects, &args.out, &config, SplitRatios::default(), &mut |done, _| {
+        progress.progress(done, "")
+    })?;
     for (object, warning) in &report.warnings {
         print_notes(&[format!("{object}: {warning}")]);
     }

@@ -12,7 +12,7 @@ use dvr_train::{Checkpoint, RunFolder, RunMetrics, RunOptions, Stop, TrainConfig
 
 use super::{extract_settings, print_notes, scene_of_run};
 use crate::EXIT_INTERRUPTED;
-use crate::args::TrainArgs;
+use crate::args::{Preset, TrainArgs};
 use crate::commands::eval::print_shape;
 use crate::progress::Progress;
 
@@ -45,8 +45,13 @@ pub fn run(args: &TrainArgs) -> Result<ExitCode> {
     interrupt_on_ctrl_c()?;
 
     let device = args.backend.backend.device();
-    let options =
-        RunOptions { folder: folder.clone(), device: device.clone(), reading, time_limit: args.time, interrupted: &INTERRUPTED };
+    let options = RunOptions {
+        folder: folder.clone(),
+        device: device.clone(),
+        reading,
+        time_limit: args.time,
+        interrupted: &INTERRUPTED,
+    };
     let mut progress = Progress::new();
     let cpu = ProcessTime::now();
     let trained = train(&scene, config, resumed.as_ref(), &options, &mut progress)?;
@@ -70,7 +75,11 @@ pub fn run(args: &TrainArgs) -> Result<ExitCode> {
 
 /// The configuration that the arguments ask for.
 fn configuration(args: &TrainArgs) -> Result<TrainConfig> {
-    let mut config = TrainConfig::new(args.supervision.unwrap_or_default());
+    let supervision = args.supervision.unwrap_or_default();
+    let mut config = match args.preset {
+        Preset::Default => TrainConfig::new(supervision),
+        Preset::Classic => TrainConfig::classic(supervision),
+    };
     if let Some(path) = &args.config {
         let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
         let json = serde_json::from_str(&text).with_context(|| format!("{} is no JSON", path.display()))?;
@@ -95,7 +104,11 @@ fn configuration(args: &TrainArgs) -> Result<TrainConfig> {
 fn check_supervision(scene: &Scene, config: &TrainConfig) -> Result<()> {
     let has_depth = scene.views_of(Split::Train).any(|view| view.depth.is_some());
     if config.losses.depth > 0.0 && !has_depth {
-        bail!("supervision {} needs depth maps, and scene {:?} has none. Use --supervision rgb", config.supervision, scene.name);
+        bail!(
+            "supervision {} needs depth maps, and scene {:?} has none. Use --supervision rgb",
+            config.supervision,
+            scene.name
+        );
     }
     if config.losses.sparse_depth > 0.0 && scene.sparse_points.is_none() {
         bail!("losses.sparse_depth needs sparse points, and scene {:?} has none. Set it to 0", scene.name);

@@ -7,6 +7,8 @@ pub mod topology;
 
 use std::path::PathBuf;
 
+use dvr_core::npz::NpzFile;
+
 /// Path of a parity fixture, or `None` (and a note) where the fixtures are not at hand.
 pub fn fixture(name: &str) -> Option<PathBuf> {
     let shared = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared"));
@@ -18,7 +20,24 @@ pub fn fixture(name: &str) -> Option<PathBuf> {
 }
 
 /// An array of an npz archive, flattened in C order.
-pub fn array<T: npyz::Deserialize>(path: &std::path::Path, name: &str) -> Vec<T> {
-    let mut archive = npyz::npz::NpzArchive::open(path).unwrap();
-    archive.by_name(name).unwrap().unwrap().into_vec().unwrap()
+pub fn array<T: FromNumber>(path: &std::path::Path, name: &str) -> Vec<T> {
+    let mut archive = NpzFile::open(path).unwrap();
+    archive.read(name).unwrap().to_f64().into_iter().map(T::from_number).collect()
 }
+
+/// The element types of the fixtures' arrays, all of which fit a double.
+pub trait FromNumber {
+    fn from_number(number: f64) -> Self;
+}
+
+macro_rules! from_number {
+    ($($kind:ty),*) => {
+        $(impl FromNumber for $kind {
+            fn from_number(number: f64) -> Self {
+                number as $kind
+            }
+        })*
+    };
+}
+
+from_number!(f32, f64, i32, i64, u8);

@@ -1,0 +1,155 @@
+//! The commands one after the other, as a user would give them, on a scene that takes seconds.
+
+mod support;
+
+use std::collections::{BTreeMap, HashMap};
+use std::io::Read;
+use std::process::{Command, Stdio};
+
+use dvr_core::mesh::read_mesh;
+use safetensors::SafeTensors;
+use support::{SMALL, Tiny, dvr, refuses, succeeds, text};
+
+#[test]
+fn a_scene_becomes_a_watertight_mesh_with_preview_figures_renders_and_export() {
+    let tiny = Tiny::new();
+    let info = succeeds(&dvr(&["info", text(&tiny.scene())]));
+    assert!(info.contains("12 to train on") && info.contains("24x24"), "{info}");
+    let json = succeeds(&dvr(&["info", text(&tiny.scene()), "--json"]));
+    assert!(json.contains("\"hull_share_of_cube\""));
+
+    let out = succeeds(&tiny.train("run", &["--seed", "3"]));
+    assert!(out.contains("Chamfer-L1") && out.contains("volume IoU"), "{out}");
+    let run = tiny.path("run");
+    for file in
+        ["last.ckpt", "best.ckpt", "config.json", "metrics.csv", "metrics.json", "mesh.ply", "mesh.glb", "preview.png"]
+    {
+        assert!(run.join(file).is_file(), "{file}");
+    }
+    let metrics = std::fs::read_to_string(run.join("metrics.json")).unwrap();
+    assert!(metrics.contains("\"chamfer_l1\"") && metrics.contains("\"held_out\""));
+    assert!(std::fs::read_to_string(run.join("metrics.csv")).unwrap().lines().count() >= 4);
+
+    for file in ["mesh.ply", "mesh.glb"] {
+        let mesh = read_mesh(run.join(file)).unwrap().mesh;
+        assert!(mesh.colors.is_some(), "{file} has vertex colours");
+        let mut edges: HashMap<(u32, u32), i32> = HashMap::new();
+        for face in &mesh.faces {
+            for k in 0..3 {
+                *edges.entry((face[k], face[(k + 1) % 3])).or_default() += 1;
+            }
+        }
+        let closed = edges.iter().all(|(&(a, b), &n)| n == 1 && edges.get(&(b, a)) == Some(&1));
+        assert!(closed && !mesh.faces.is_empty(), "{file}: every edge has two faces, in opposite directions");
+    }
+    // The torus spans 2.9 of its own units: the mesh is in the scene's coordinates, not in the unit cube.
+    let (low, high) = read_mesh(run.join("mesh.ply")).unwrap().mesh.bounds().unwrap();
+    assert!(((high - low).max_element() - 2.9).abs() < 0.4, "{low} {high}");
+
+    let table = succeeds(&dvr(&[
+        "eval",
+        text(&run),
+        "--resolution",
+        "32",
+        "--samples",
+        "32",
+        "--json",
+        text(&tiny.path("eval.json")),
+    ]));
+    assert!(table.contains("PSNR dB") && table.contains("floor"), "{table}");
+    assert!(tiny.path("eval.json").is_file());
+    let table = succeeds(&dvr(&["eval", text(&run.join("mesh.ply")), "--data", text(&tiny.scene())]));
+    assert!(table.contains("Chamfer-L1"), "{table}");
+
+    let frames = tiny.path("frames");
+    succeeds(&dvr(&[
+        "render",
+        text(&run),
+        "--out",
+        text(&frames),
+        "--frames",
+        "3",
+        "--size",
+        "24",
+        "--samples",
+        "16",
+        "--exr",
+        "--normals",
+    ]));
+    for file in ["orbit_0002.png", "orbit_0002.exr", "orbit_0002_depth.exr", "orbit_0002_normal.png", "turntable.gif"] {
+        assert!(frames.join(file).is_file(), "{file}");
+    }
+    succeeds(&dvr(&["render", text(&run), "--out", text(&frames), "--cameras", "dataset", "--samples", "16"]));
+    assert!(frames.join("0011.png").is_file());
+
+    let obj = tiny.path("again.obj");
+    succeeds(&dvr(&["mesh", text(&run), "--out", text(&obj), "--resolution", "24"]));
+    assert!(!read_mesh(&obj).unwrap().mesh.is_empty());
+    let exported = tiny.path("net.safetensors");
+    succeeds(&dvr(&["export", text(&run), "--out", text(&exported)]));
+    assert!(exported.is_file());
+}
+
+#[test]
+fn a_stopped_run_resumes_to_the_same_parameters_as_an_unbroken_one() {
+    let tiny = Tiny::new();
+    succeeds(&tiny.train("whole", &[]));
+    succeeds(&tiny.train("parts", &["--time", "0s"]));
+    let parts = tiny.path("parts");
+    let rows = || std::fs::read_to_string(parts.join("metrics.csv")).unwrap().lines().count();
+    let before = rows();
+    succeeds(&dvr(&["train", "--resume", "--out", text(&parts), "--resolution", "32"]));
+    assert!(rows() > before, "the curves go on");
+    let export = |run: &str| {
+        let file = tiny.path(&format!("{run}.safetensors"));
+        let checkpoint = tiny.path(run).join("last.ckpt");
+        succeeds(&dvr(&["export", text(&checkpoint), "--out", text(&file)]));
+        let bytes = std::fs::read(file).unwrap();
+        let file = SafeTensors::deserialize(&bytes).unwrap();
+        let tensors = file.iter().map(|(name, tensor)| (name.to_owned(), tensor.data().to_vec()));
+        tensors.collect::<BTreeMap<_, _>>()
+    };
+    assert!(export("whole") == export("parts"), "bit for bit");
+}
+
+#[test]
+fn ctrl_c_saves_and_leaves_with_130() {
+    let tiny = Tiny::new();
+    let (scene, out) = (tiny.scene(), tiny.path("run"));
+    let mut child = Command::new(env!("CARGO_BIN_EXE_dvr"))
+        .args(["train", text(&scene), "--out", text(&out), "--steps", "1000000"])
+        .args(SMALL)
+        .stderr(Stdio::piped())
+        .stdout(Stdio::null())
+        .spawn()
+        .unwrap();
+    let last = out.join("last.ckpt");
+    while !last.exists() {
+        assert!(child.try_wait().unwrap().is_none(), "the run goes on");
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+    let killed = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    assert!(killed.success());
+    let status = child.wait().unwrap();
+    let mut error = String::new();
+    child.stderr.take().unwrap().read_to_string(&mut error).unwrap();
+    assert_eq!(status.code(), Some(130), "{error}");
+    assert!(error.contains("--resume"), "{error}");
+    assert!(succeeds(&dvr(&["export", text(&last), "--out", text(&tiny.path("x.safetensors"))])).contains("wrote"));
+}
+
+#[test]
+fn meshes_become_a_dataset_that_trains() {
+    let tiny = Tiny::new();
+    let mesh = dvr_core::mesh::shapes::cuboid(glam::Vec3::ZERO, glam::Vec3::new(1.0, 2.0, 3.0));
+    std::fs::create_dir_all(tiny.path("meshes/boxes")).unwrap();
+    dvr_core::mesh::write_mesh(tiny.path("meshes/boxes/a.ply"), &mesh).unwrap();
+    std::fs::write(tiny.path("meshes/boxes/broken.ply"), "ply\nnonsense").unwrap();
+    let (meshes, data) = (tiny.path("meshes"), tiny.path("data"));
+    let output = dvr(&["synth", text(&meshes), "--out", text(&data), "--views", "6", "--size", "16"]);
+    let out = succeeds(&output);
+    assert!(out.contains("rendered 1 object(s)") && out.contains("1 skipped"), "{out}");
+    assert!(String::from_utf8_lossy(&output.stderr).contains("broken.ply"));
+    assert!(succeeds(&dvr(&["info", text(&data.join("boxes/a"))])).contains("6 to train on"));
+    refuses(&dvr(&["synth", text(&tiny.path("nowhere")), "--out", text(&data)]), &["nowhere"]);
+}
