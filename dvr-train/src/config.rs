@@ -68,6 +68,11 @@ pub struct LossWeights {
     pub normal: f64,
     /// Edge of the box around a hit from which its neighbour is drawn, object units.
     pub normal_distance: f64,
+    /// Distance over which central differences take the normals, object units; 0 takes exact derivatives.
+    ///
+    /// The exact normals of a ReLU network do not move with its biases (their masks are locally constant);
+    /// differences, the original's way, feel the kinks within a step and teach the biases.
+    pub normal_difference: f64,
     /// Most hits, evenly chosen, that the normal term looks at in a step: it costs eight evaluations a hit.
     pub normal_points: usize,
 }
@@ -189,6 +194,7 @@ impl TrainConfig {
                 occupancy: 1.0,
                 normal: 0.05,
                 normal_distance: 0.01,
+                normal_difference: 0.0,
                 normal_points: 256,
             },
             learning_rate: 3e-3,
@@ -216,7 +222,13 @@ impl TrainConfig {
             root: RootMethod::Secant,
             root_steps: 8,
             occupancy_point: OccupancyPoint::Random,
-            losses: LossWeights { normal: 0.1, normal_distance: 1e-3, normal_points: usize::MAX, ..base.losses },
+            losses: LossWeights {
+                normal: 0.1,
+                normal_distance: 1e-3,
+                normal_difference: 1e-3,
+                normal_points: usize::MAX,
+                ..base.losses
+            },
             learning_rate: 5e-4,
             milestones_percent: Vec::new(),
             ..base

@@ -1,7 +1,7 @@
 //! One training step's loss: march without gradient, put the hits on the graph, compare with the pixels.
 
 use burn::tensor::{Device, IndexingUpdateOp, Int, Tensor, TensorData};
-use dvr_render::{Field, Hits, March, MarchSettings, Marcher, Query, Rays, Surface, TensorMarcher};
+use dvr_render::{Field, Hits, March, MarchSettings, Marcher, Query, Rays, Surface, TensorMarcher, axis_direction};
 use rand::Rng;
 
 use crate::batch::PixelBatch;
@@ -182,9 +182,24 @@ fn normal_term(field: &impl Field, hits: &Hits, noise: &StepNoise, config: &Trai
     let shift: Vec<f32> = noise.neighbor[..count].iter().flatten().map(|u| u - 0.5).collect();
     let shift = Tensor::<2>::from_data(TensorData::new(shift, [count, 3]), &device) * config.losses.normal_distance;
     let at = |points| Query { points: Tensor::from_inner(points), object: object.clone().map(Tensor::from_inner) };
-    let gradient = field.occupancy_gradient(&at(points.clone()));
-    let neighbor_gradient = field.occupancy_gradient(&at(points + shift));
+    let gradient_at = |query: Query| match config.losses.normal_difference {
+        0.0 => field.occupancy_gradient(&query),
+        distance => central_differences(field, &query, distance),
+    };
+    let gradient = gradient_at(at(points.clone()));
+    let neighbor_gradient = gradient_at(at(points + shift));
     losses::normal_smoothness(gradient, neighbor_gradient) * (hits.len() as f64 / count as f64)
+}
+
+/// `grad_p f` by central differences, `[n, 3]`, on the graph.
+fn central_differences(field: &impl Field, query: &Query, distance: f64) -> Tensor<2> {
+    let along = (0..3).map(|axis| {
+        let shift = axis_direction(query, axis) * (0.5 * distance);
+        let logit = |points| field.occupancy_logit(&Query { points, object: query.object.clone() });
+        let difference = logit(query.points.clone() + shift.clone()) - logit(query.points.clone() - shift);
+        (difference / distance).unsqueeze_dim::<2>(1)
+    });
+    Tensor::cat(along.collect(), 1)
 }
 
 /// Marches the rays that are to be searched; hits and the like are indexed by their place among these.

@@ -171,7 +171,7 @@ fn occupancy_free_space_and_depth_losses_are_the_originals() {
 }
 
 #[test]
-fn normals_and_their_smoothness_are_the_originals_up_to_its_finite_differences() {
+fn normals_by_differences_and_their_smoothness_are_the_originals() {
     let Some(mut f) = Fixture::open("losses") else { return };
     let device = Device::flex();
     for code_dim in [0usize, 32] {
@@ -188,24 +188,28 @@ fn normals_and_their_smoothness_are_the_originals_up_to_its_finite_differences()
         let shift: Vec<[f64; 3]> = f.points(&key("u01")).iter().map(|u| u.map(|u| (u - 0.5) * 1e-3)).collect();
         let at = tensor3(&picked, &device);
         let field = BoundDecoder::new(&decoder, (code_dim > 0).then(|| rows(&f.numbers(&key("c")), 32, &device)));
-        let query = |points| Query { points, object: Some(objects.clone()) };
         let there = at.clone() + tensor3(&shift, &device);
-        let unit = |g: Tensor<2>| numbers(g.clone() / g.square().sum_dim(1).sqrt());
+        let differences = |points: &Tensor<2>| {
+            let along = (0..3).map(|axis| {
+                let logit = |side: f64| {
+                    let query = Query { points: points.clone(), object: Some(objects.clone()) };
+                    let points = points.clone() + dvr_render::axis_direction(&query, axis) * (side * 0.5e-3);
+                    field.occupancy_logit(&Query { points, ..query })
+                };
+                (logit(1.0) - logit(-1.0)).unsqueeze_dim::<2>(1)
+            });
+            let gradient = Tensor::<2>::cat(along.collect(), 1);
+            gradient.clone() / gradient.square().sum_dim(1).sqrt()
+        };
         for (points, name) in [(&at, "n"), (&there, "n_neighbor")] {
-            let reference = f.numbers(&key(name));
-            // The reference's normals are exact gradients, as ours are: equal but for points on a kink of a ReLU.
-            let exact = unit(field.occupancy_gradient(&query(points.clone())));
-            let differing =
-                exact.chunks(3).zip(reference.chunks(3)).filter(|(a, b)| max_difference(a, b) > 1e-3).count();
-            assert!(differing * 10 <= keep.len(), "c{code_dim} {name}: {differing} of {} normals differ", keep.len());
+            let difference = relative_difference(&numbers(differences(points)), &f.numbers(&key(name)));
+            // Single precision: 1e-6 of rounding over 1e-3.
+            assert!(difference < 2e-3, "c{code_dim} {name}: {difference}");
         }
-        let (here, there) = (field.occupancy_gradient(&query(at)), field.occupancy_gradient(&query(there)));
-        let ours = losses::normal_smoothness(here, there).into_scalar::<f64>();
         let (n, n_neighbor) = (f.numbers(&key("n")), f.numbers(&key("n_neighbor")));
         let from_arrays =
             losses::normal_smoothness(rows(&n, 3, &device), rows(&n_neighbor, 3, &device)).into_scalar::<f64>();
         let reference = f.number(&key("loss_sum_over_batch")) / f.number(&key("lambda_normal")) * batch as f64;
-        println!("c{code_dim}: ours {ours} from arrays {from_arrays} reference {reference}");
         assert!((from_arrays - reference).abs() < 2e-3 * reference, "c{code_dim}: {from_arrays} {reference}");
     }
 }
@@ -348,6 +352,7 @@ impl Step {
                 occupancy: f.number("lambda_occupied"),
                 normal: f.number("lambda_normal"),
                 normal_distance: 1e-3,
+                normal_difference: 1e-3,
                 normal_points: usize::MAX,
             },
             ..TrainConfig::new(Supervision::Rgb)
@@ -404,7 +409,14 @@ fn a_whole_training_step_has_the_originals_losses_gradients_and_adam_step() {
                 check(&mut f, "loss.loss_occupied", ours(&["occupancy"]), 1e-4);
                 let total = loss.total.clone().into_scalar::<f64>() * scale;
                 check(&mut f, "loss.loss", total, 1e-3);
-                check(&mut f, "loss.mask_iou", loss.mask_iou, 0.05);
+                // Theirs is the mean over images; ours is that of all rays together, those that miss the cube left out.
+                let hit = f.truths("mask_pred");
+                let count = |both: bool| {
+                    let rays = (0..hit.len()).filter(|&i| step.batch.in_cube[i]);
+                    rays.filter(|&i| if both { hit[i] && step.batch.object[i] } else { hit[i] || step.batch.object[i] })
+                        .count() as f64
+                };
+                assert!((loss.mask_iou - count(true) / count(false)).abs() < 1e-9, "{context}: the same rays hit");
 
                 let gradients = GradientsParams::from_grads((loss.total * scale).backward(), &field);
                 let mut visitor = GradientsByName { of: &gradients, path: Vec::new(), found: Vec::new() };
@@ -415,9 +427,9 @@ fn a_whole_training_step_has_the_originals_losses_gradients_and_adam_step() {
                         None => "grad_c".to_owned(),
                     };
                     let truth = f.numbers(&key);
-                    // The normal term's second derivatives are differences in the reference: 0.1 of a small term.
+                    // The normal term divides single-precision differences by 1e-3.
                     let difference = relative_difference(ours, &truth);
-                    assert!(difference < 0.02, "{context} {key}: {difference}");
+                    assert!(difference < 5e-3, "{context} {key}: {difference}");
                 }
                 if f.contains("after_adam.fc_p.weight") {
                     let mut adam = AdamConfig::new().with_epsilon(1e-8).init();
