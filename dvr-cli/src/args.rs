@@ -128,11 +128,11 @@ pub struct InfoArgs {
 #[derive(Args, Debug)]
 pub struct TrainArgs {
     /// Folder (or cameras file) of the scene; not needed with --resume
-    #[arg(required_unless_present = "resume")]
+    #[arg(required_unless_present_any = ["resume", "print_config"])]
     pub scene: Option<PathBuf>,
     /// Folder for checkpoints, mesh, preview and figures
-    #[arg(long, short, value_name = "DIR")]
-    pub out: PathBuf,
+    #[arg(long, short, value_name = "DIR", required_unless_present = "print_config")]
+    pub out: Option<PathBuf>,
     /// Continue the run in --out from its last checkpoint
     #[arg(long, conflicts_with_all = ["overwrite", "config", "set", "supervision", "steps", "seed"])]
     pub resume: bool,
@@ -318,11 +318,11 @@ pub struct EvalArgs {
 #[derive(Args, Debug)]
 pub struct SynthArgs {
     /// Meshes (OBJ, PLY, OFF, GLB, glTF), or folders of them: a folder's name becomes the category
-    #[arg(required = true)]
+    #[arg(required_unless_present = "print_config")]
     pub meshes: Vec<PathBuf>,
     /// Folder of the dataset
-    #[arg(long, short, value_name = "DIR")]
-    pub out: PathBuf,
+    #[arg(long, short, value_name = "DIR", required_unless_present = "print_config")]
+    pub out: Option<PathBuf>,
     /// Views of each object
     #[arg(long, default_value_t = 24, value_parser = clap::value_parser!(u32).range(1..=10_000), value_name = "N")]
     pub views: u32,

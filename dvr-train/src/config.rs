@@ -170,7 +170,7 @@ impl TrainConfig {
         Self {
             supervision,
             seed: 0,
-            steps: 1000,
+            steps: 600,
             model: DecoderConfig::new().with_octaves(4),
             hull: HullUse { resolution: 64, warm_start_steps: 300, warm_start_points: 2048, bound_rays: true },
             rays: 1024,
@@ -195,14 +195,14 @@ impl TrainConfig {
                 normal: 0.05,
                 normal_distance: 0.01,
                 normal_difference: 0.0,
-                normal_points: 256,
+                normal_points: 128,
             },
             learning_rate: 3e-3,
             milestones_percent: vec![60, 85],
             learning_rate_factor: 0.3,
             hold_out_every: 8,
-            validate_every: 250,
-            checkpoint_every: 250,
+            validate_every: 100,
+            checkpoint_every: 100,
         }
     }
 

@@ -175,8 +175,8 @@ pub struct Trained {
 /// Steps between rows of `metrics.csv`.
 const LOG_EVERY: usize = 10;
 
-/// Pixels that a validation during training looks at.
-const VALIDATION_PIXELS: usize = 2048;
+/// Pixels that a validation during training looks at: with fewer, its noise would choose the best checkpoint.
+const VALIDATION_PIXELS: usize = 8192;
 
 /// Trains a decoder on a scene from where `resume_from` left it, or from the start.
 ///
@@ -284,7 +284,7 @@ pub fn train(
 fn validate(trainer: &Trainer<Decoder>) -> Option<Agreement> {
     let march = MarchSettings { steps: 64, ..MarchSettings::default() };
     let settings = RenderSettings { march, ..RenderSettings::default() };
-    agreement(&trainer.frozen(), &trainer.views().held_out, &settings, None, VALIDATION_PIXELS)
+    agreement(&trainer.frozen(), &trainer.views().held_out, &settings, trainer.bound(), VALIDATION_PIXELS)
 }
 
 /// The decoder of a checkpoint, without gradient tracking.

@@ -119,6 +119,11 @@ impl<'a, F: Field + Module> Trainer<'a, F> {
         &self.views
     }
 
+    /// Where the object can be, if that was said.
+    pub fn bound(&self) -> Option<&SkipGrid> {
+        self.bound.as_ref()
+    }
+
     /// Steps done so far.
     pub fn steps_done(&self) -> usize {
         self.step

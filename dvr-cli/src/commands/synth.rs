@@ -21,12 +21,12 @@ pub fn run(args: &SynthArgs) -> Result<ExitCode> {
         println!("{}", serde_json::to_string_pretty(&config)?);
         return Ok(ExitCode::SUCCESS);
     }
+    let Some(out) = &args.out else { bail!("no folder for the dataset was given: add --out DIR") };
     let objects = collect(&args.meshes, args.category.as_deref())?;
     let mut progress = Progress::new();
     progress.phase("rendering objects", objects.len());
-    let report = render_corpus(&objects, &args.out, &config, SplitRatios::default(), &mut |done, _| {
-        progress.progress(done, "")
-    })?;
+    let report =
+        render_corpus(&objects, out, &config, SplitRatios::default(), &mut |done, _| progress.progress(done, ""))?;
     for (object, warning) in &report.warnings {
         print_notes(&[format!("{object}: {warning}")]);
     }
@@ -37,7 +37,7 @@ pub fn run(args: &SynthArgs) -> Result<ExitCode> {
         "rendered {} object(s) with {} views each to {}; {} were there already, {} skipped",
         report.rendered.len(),
         config.views,
-        args.out.display(),
+        out.display(),
         report.kept.len(),
         report.skipped.len()
     );

@@ -1,6 +1,5 @@
 //! `dvr train`: the whole job.
 
-use std::path::Path;
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -25,7 +24,8 @@ pub fn run(args: &TrainArgs) -> Result<ExitCode> {
         println!("{}", serde_json::to_string_pretty(&configuration(args)?)?);
         return Ok(ExitCode::SUCCESS);
     }
-    let folder = RunFolder::new(&args.out);
+    let Some(out) = &args.out else { bail!("no output folder was given: add --out DIR") };
+    let folder = RunFolder::new(out);
     let resumed = args.resume.then(|| Checkpoint::load(&folder.last())).transpose()?;
     let (scene, config, reading) = match &resumed {
         Some(checkpoint) => {
@@ -60,7 +60,7 @@ pub fn run(args: &TrainArgs) -> Result<ExitCode> {
         eprintln!(
             "stopped after step {}; everything is saved. Continue with: dvr train --resume --out {}",
             trained.steps,
-            args.out.display()
+            out.display()
         );
         return Ok(ExitCode::from(EXIT_INTERRUPTED));
     }
@@ -172,10 +172,8 @@ fn report(metrics: &RunMetrics, folder: &RunFolder, seconds: f64, cpu_seconds: f
     if let Some([vertices, faces]) = metrics.mesh {
         println!("mesh: {vertices} vertices, {faces} faces");
     }
-    let exists = |path: &Path| path.exists();
-    for path in [folder.mesh_ply(), folder.mesh_glb(), folder.preview(), folder.metrics_json()] {
-        if exists(&path) {
-            println!("wrote {}", path.display());
-        }
+    let files = [folder.mesh_ply(), folder.mesh_glb(), folder.preview(), folder.metrics_json()];
+    for path in files.iter().filter(|path| path.exists()) {
+        println!("wrote {}", path.display());
     }
 }
