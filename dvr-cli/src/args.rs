@@ -164,7 +164,7 @@ pub struct TrainArgs {
     #[arg(long, help_heading = "Training")]
     pub print_config: bool,
     #[command(flatten)]
-    pub extraction: ExtractionArgs,
+    pub meshing: MeshingArgs,
     #[command(flatten)]
     pub backend: BackendArg,
     #[command(flatten)]
@@ -180,16 +180,28 @@ pub enum Preset {
     Classic,
 }
 
+/// Where a mesh has its colours from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Colors {
+    /// The photographs that see the vertex: sharp
+    Photos,
+    /// The texture field: smooth, without traces of single pictures
+    Field,
+}
+
 /// How a mesh is extracted.
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Mesh")]
-pub struct ExtractionArgs {
+pub struct MeshingArgs {
     /// Grid cells along an edge of the object's cube
     #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(8..=2048), value_name = "N")]
     pub resolution: u32,
     /// Drop pieces smaller than this share of the largest piece's area; 0 keeps everything
     #[arg(long, default_value_t = 0.01, value_name = "SHARE")]
     pub min_piece: f64,
+    /// Where vertex colours come from
+    #[arg(long, value_enum, default_value_t = Colors::Photos)]
+    pub colors: Colors,
 }
 
 /// Arguments of `dvr mesh`.
@@ -203,8 +215,11 @@ pub struct MeshArgs {
     /// Leave the mesh in object space (the unit cube) instead of the scene's own coordinates
     #[arg(long)]
     pub object_space: bool,
+    /// Where the scene lies now, if it was moved since training
+    #[arg(long, value_name = "SCENE")]
+    pub data: Option<PathBuf>,
     #[command(flatten)]
-    pub extraction: ExtractionArgs,
+    pub meshing: MeshingArgs,
     #[command(flatten)]
     pub backend: BackendArg,
 }
@@ -307,7 +322,7 @@ pub struct EvalArgs {
     #[arg(long)]
     pub no_views: bool,
     #[command(flatten)]
-    pub extraction: ExtractionArgs,
+    pub meshing: MeshingArgs,
     #[command(flatten)]
     pub backend: BackendArg,
     #[command(flatten)]

@@ -70,6 +70,18 @@ impl SlopeRule {
             }
         }
     }
+
+    /// The same for one ray: from its slope `s` and the lengths' product `|g| |w|`.
+    pub fn inverse_slope_of(&self, slope: f32, scale: f32) -> f32 {
+        match *self {
+            Self::ScaleFree { epsilon } => {
+                let (scale, epsilon) = (scale.max(1e-20), epsilon as f32);
+                let cosine = slope / scale;
+                cosine / (cosine * cosine + epsilon * epsilon) / scale
+            }
+            Self::Classic { epsilon } => (if slope.abs() < epsilon as f32 { epsilon as f32 } else { slope }).recip(),
+        }
+    }
 }
 
 /// Row-wise scalar product of two `[n, 3]` tensors, `[n]`.

@@ -5,7 +5,7 @@
 //! use burn::tensor::{Device, Tensor};
 //! use dvr_core::Camera;
 //! use dvr_render::extract::{ExtractSettings, FieldSurface, extract_mesh};
-//! use dvr_render::{Field, FieldValues, Query, RenderSettings, render_view};
+//! use dvr_render::{Field, FieldShader, FieldValues, Query, RenderSettings, render_view};
 //! use glam::DVec3;
 //!
 //! /// A ball of radius 0.3, coloured by position.
@@ -24,7 +24,7 @@
 //!
 //! // What a camera two units away sees.
 //! let camera = Camera::look_at(32, 32, 50.0, DVec3::new(0.0, 0.0, -2.0), DVec3::ZERO, DVec3::Y);
-//! let picture = render_view(&Ball, &camera, &RenderSettings::default(), None);
+//! let picture = render_view(&FieldShader::new(&Ball, RenderSettings::default(), None), &camera);
 //! assert!((picture.depth.get(16, 16) - 1.7).abs() < 1e-3);
 //!
 //! // The same surface as a watertight mesh.
@@ -42,6 +42,7 @@ mod implicit_depth;
 mod march;
 mod rays;
 mod root;
+mod shade;
 mod skip;
 mod surface;
 mod view;
@@ -51,6 +52,7 @@ pub use implicit_depth::{SlopeRule, dot, implicit_depth};
 pub use march::{Hits, March, MarchSettings, Marcher, TensorMarcher};
 pub use rays::Rays;
 pub use root::{Bracket, RootMethod};
+pub use shade::{FieldShader, MeshShader, RenderSettings, Shaded, Shader};
 pub use skip::SkipGrid;
 pub use surface::Surface;
-pub use view::{RenderSettings, Rendering, Shaded, render_view, shade_rays};
+pub use view::{Rendering, render_view};

@@ -9,10 +9,10 @@ use burn::tensor::activation::{sigmoid, softplus};
 use burn::tensor::{Device, Distribution, Tensor};
 use dvr_core::dataset::{ReadOptions, read_scene};
 use dvr_core::mesh::write_mesh;
-use dvr_render::extract::ExtractSettings;
 use dvr_render::{Field, FieldValues, Query};
 use dvr_train::{
-    HullUse, Supervision, TrainConfig, Trainer, ViewSplit, carve_hull, hull_bound, object_mesh, warm_start, world_mesh,
+    HullUse, MeshOptions, Supervision, TrainConfig, Trainer, ViewSplit, carve_hull, hull_bound, object_mesh,
+    warm_start, world_mesh,
 };
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
@@ -73,8 +73,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             println!("step {}: loss {:.4}, silhouette IoU {:.3}", report.step, report.loss, report.mask_iou);
         }
     }
-    let settings = ExtractSettings { resolution: 128, ..ExtractSettings::default() };
-    let mesh = object_mesh(&trainer.frozen(), &settings, &[])?.mesh;
+    let mesh = object_mesh(&trainer.frozen(), &MeshOptions::default(), &[], &trainer.views().train)?.mesh;
     write_mesh("own_decoder.ply", &world_mesh(&mesh, &scene.object_to_world))?;
     println!("wrote own_decoder.ply ({} faces)", mesh.faces.len());
     Ok(())

@@ -7,7 +7,7 @@ use dvr_core::metrics::picture::{mask_iou, psnr, ssim};
 use dvr_core::metrics::shape::{F_SCORE_THRESHOLDS, SURFACE_SAMPLES, ShapeScore, cloud_floor, score_surface};
 use dvr_core::sampling::sample_surface;
 use dvr_core::{GroundTruth, PointCloud, View};
-use dvr_render::{Field, RenderSettings, SkipGrid, render_view};
+use dvr_render::{Shader, render_view};
 use serde::{Deserialize, Serialize};
 
 use crate::error::Result;
@@ -55,20 +55,18 @@ pub fn evaluate_shape(mesh: &Mesh, truth: &GroundTruth, seed: u64) -> Result<Sha
     Ok(ShapeEvaluation { surface, floor, volume_iou })
 }
 
-/// Renders views in full and compares; `progress` hears how many are done. `field` must not track gradients.
+/// Renders views in full and compares; `progress` hears how many are done.
 ///
 /// # Errors
 /// When a view's pictures differ in size.
 pub fn evaluate_views(
-    field: &impl Field,
+    shader: &dyn Shader,
     views: &[&View],
-    settings: &RenderSettings,
-    skip: Option<&SkipGrid>,
     mut progress: impl FnMut(usize),
 ) -> Result<Vec<ViewEvaluation>> {
     let mut results = Vec::with_capacity(views.len());
     for view in views {
-        let rendering = render_view(field, &view.camera, settings, skip);
+        let rendering = render_view(shader, &view.camera);
         let (predicted, truth) = (to_rgb8(&rendering.color), whitened(view));
         results.push(ViewEvaluation {
             view: view.name.clone(),

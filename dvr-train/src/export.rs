@@ -1,19 +1,45 @@
 //! From a trained field to a mesh in the world of the files.
 
-use dvr_core::Similarity;
 use dvr_core::mesh::Mesh;
+use dvr_core::{Similarity, View};
 use dvr_render::Field;
 use dvr_render::extract::{ExtractSettings, Extraction, FieldSurface, extract_mesh};
 use glam::Vec3;
 
+use crate::bake::bake_colors;
 use crate::error::{Error, Result};
 
-/// Extracts the mesh of a field, in object space, with vertex colours. `field` must not track gradients.
+/// Where the vertex colours of a mesh come from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ColorSource {
+    /// From the photographs that see the vertex, from the field where none does.
+    #[default]
+    Photos,
+    /// From the field.
+    Field,
+}
+
+/// How a field is made a mesh.
+#[derive(Clone, Debug, Default)]
+pub struct MeshOptions {
+    /// The surface.
+    pub extraction: ExtractSettings,
+    /// Its colours.
+    pub colors: ColorSource,
+}
+
+/// Extracts the mesh of a field, in object space, with vertex colours; `seeds` are points near the surface, and `views`
+/// the photographs that may colour it. `field` must not track gradients.
 ///
 /// # Errors
 /// When the field has no surface in the cube; the message says what to try.
-pub fn object_mesh(field: &impl Field, settings: &ExtractSettings, seeds: &[Vec3]) -> Result<Extraction> {
-    extract_mesh(&FieldSurface::new(field), settings, seeds).map_err(|e| Error::NoMesh(e.to_string()))
+pub fn object_mesh(field: &impl Field, options: &MeshOptions, seeds: &[Vec3], views: &[&View]) -> Result<Extraction> {
+    let extracted = extract_mesh(&FieldSurface::new(field), &options.extraction, seeds);
+    let mut extracted = extracted.map_err(|e| Error::NoMesh(e.to_string()))?;
+    if options.colors == ColorSource::Photos {
+        bake_colors(&mut extracted.mesh, views);
+    }
+    Ok(extracted)
 }
 
 /// The mesh in the coordinates and units of the scene's own files.

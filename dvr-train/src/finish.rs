@@ -3,15 +3,15 @@
 use burn::tensor::Device;
 use dvr_core::mesh::{Mesh, write_mesh};
 use dvr_core::{Ray, Scene, Split, UnitCube, View};
-use dvr_render::extract::{ExtractSettings, Extraction};
-use dvr_render::{Field, MarchSettings, RenderSettings, SkipGrid, shade_rays};
+use dvr_render::extract::Extraction;
+use dvr_render::{Field, FieldShader, MarchSettings, MeshShader, RenderSettings, Shaded, Shader, SkipGrid};
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
 use crate::checkpoint::Checkpoint;
 use crate::error::{Error, Result};
 use crate::evaluate::{ShapeEvaluation, evaluate_shape};
-use crate::export::{object_mesh, world_mesh};
+use crate::export::{MeshOptions, object_mesh, world_mesh};
 use crate::preview::preview_sheet;
 use crate::run::{Observer, RunFolder, decoder_of};
 use crate::trainer::ViewSplit;
@@ -36,8 +36,10 @@ pub struct RunMetrics {
     pub mesh: Option<[usize; 2]>,
     /// The shape against the truth, where the scene has it.
     pub shape: ShapeEvaluation,
-    /// Pictures against held-out views, on an even subset of their pixels.
+    /// Renders of the field against held-out views, on an even subset of their pixels.
     pub held_out: Option<Agreement>,
+    /// Renders of the coloured mesh, unlit, against the same pixels: what the user takes home.
+    pub held_out_mesh: Option<Agreement>,
     /// What the user should know.
     pub warnings: Vec<String>,
 }
@@ -63,7 +65,7 @@ pub fn finish(
     scene: &Scene,
     checkpoint: &Checkpoint,
     folder: &RunFolder,
-    extraction: &ExtractSettings,
+    options: &MeshOptions,
     device: &Device,
     observer: &mut dyn Observer,
 ) -> Result<RunMetrics> {
@@ -74,7 +76,7 @@ pub fn finish(
 
     observer.phase("mesh, preview and figures", 4);
     let skip = SkipGrid::build(&field, UnitCube::default(), SKIP_CELLS, 8192);
-    let mesh = match object_mesh(&field, extraction, &surface_points(&field, &views.train, SEED_RAYS)) {
+    let mesh = match object_mesh(&field, options, &surface_points(&field, &views.train, SEED_RAYS), &views.train) {
         Ok(extracted) => {
             warnings.extend(extraction_warnings(&extracted));
             let mesh = extracted.mesh;
@@ -92,14 +94,15 @@ pub fn finish(
     observer.progress(1, "mesh");
 
     let march = MarchSettings { steps: 128, ..MarchSettings::default() };
-    let settings = RenderSettings { march, ..RenderSettings::default() };
+    let shader = FieldShader::new(&field, RenderSettings { march, ..RenderSettings::default() }, Some(&skip));
     let judges = judging_views(scene, &views);
     let shown: Vec<&View> = spread(if judges.is_empty() { &views.train } else { &judges }, PREVIEW.0);
-    let sheet = preview_sheet(&field, &shown, &settings, Some(&skip), PREVIEW.1);
+    let sheet = preview_sheet(&shader, &shown, PREVIEW.1);
     dvr_core::files::write_rgb_png(&folder.preview(), &sheet)?;
     observer.progress(2, "preview");
 
-    let held_out = agreement(&field, &judges, &settings, Some(&skip), HELD_OUT_PIXELS);
+    let held_out = agreement(&shader, &judges, HELD_OUT_PIXELS);
+    let held_out_mesh = mesh.as_ref().and_then(|mesh| agreement(&MeshShader::new(mesh), &judges, HELD_OUT_PIXELS));
     observer.progress(3, "held-out views");
     let empty = Mesh::default();
     let shape = evaluate_shape(mesh.as_ref().unwrap_or(&empty), &scene.ground_truth, config.seed)?;
@@ -113,6 +116,7 @@ pub fn finish(
         mesh: mesh.map(|mesh| [mesh.vertices.len(), mesh.faces.len()]),
         shape,
         held_out,
+        held_out_mesh,
         warnings,
     };
     let json = serde_json::to_string_pretty(&metrics).map_err(|e| Error::Config(e.to_string()))?;
@@ -149,8 +153,8 @@ pub fn surface_points(field: &impl Field, views: &[&View], rays: usize) -> Vec<V
     let stride = object.len().div_ceil(rays.max(1)).max(1);
     let rays: Vec<Ray> = object.iter().step_by(stride).map(|(view, u, v)| view.camera.pixel_ray(*u, *v)).collect();
     let march = MarchSettings { steps: 64, ..MarchSettings::default() };
-    let shaded = shade_rays(field, &rays, &RenderSettings { march, ..RenderSettings::default() }, None);
-    let point = |(ray, shaded): (&Ray, Option<dvr_render::Shaded>)| Some(ray.at(shaded?.depth.into()).as_vec3());
+    let shaded = FieldShader::new(field, RenderSettings { march, ..RenderSettings::default() }, None).shade(&rays);
+    let point = |(ray, shaded): (&Ray, Option<Shaded>)| Some(ray.at(shaded?.depth.into()).as_vec3());
     rays.iter().zip(shaded).filter_map(point).collect()
 }
 

@@ -37,6 +37,7 @@
 
 #![warn(missing_docs)]
 
+mod bake;
 mod batch;
 mod checkpoint;
 mod config;
@@ -54,12 +55,13 @@ mod trainer;
 mod validate;
 mod warm_start;
 
+pub use bake::bake_colors;
 pub use batch::{PixelBatch, PixelSampling};
 pub use checkpoint::{Best, CHECKPOINT_VERSION, Checkpoint, CheckpointHeader};
 pub use config::{HullUse, LossWeights, MarchStage, OccupancyPoint, Supervision, TrainConfig};
 pub use error::{Error, Result};
 pub use evaluate::{ShapeEvaluation, ViewEvaluation, evaluate_shape, evaluate_views};
-pub use export::{object_mesh, world_mesh};
+pub use export::{ColorSource, MeshOptions, object_mesh, world_mesh};
 pub use finish::{RunMetrics, SKIP_CELLS, extraction_warnings, finish, judging_views, surface_points};
 pub use objective::{StepLoss, StepNoise, sparse_depth_loss, step_loss};
 pub use run::{Observer, RunFolder, RunOptions, Stop, Trained, decoder_of, train};

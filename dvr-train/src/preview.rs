@@ -1,7 +1,7 @@
 //! The preview sheet: what went in and what came out, side by side.
 
 use dvr_core::{Camera, DepthMap, View};
-use dvr_render::{Field, RenderSettings, Rendering, SkipGrid, render_view};
+use dvr_render::{Rendering, Shader, render_view};
 use image::imageops::{FilterType, replace, resize};
 use image::{Rgb, Rgb32FImage, RgbImage};
 
@@ -10,18 +10,12 @@ const GAP: u32 = 4;
 
 /// A sheet with a row a view: input (background whitened by the mask), render, depth, normals; at most `max_width`
 /// pixels a picture. Near is bright in depth; normals are in the camera's frame (x right, y up, z towards the viewer).
-pub fn preview_sheet(
-    field: &impl Field,
-    views: &[&View],
-    settings: &RenderSettings,
-    skip: Option<&SkipGrid>,
-    max_width: u32,
-) -> RgbImage {
+pub fn preview_sheet(shader: &dyn Shader, views: &[&View], max_width: u32) -> RgbImage {
     let rows: Vec<Vec<RgbImage>> = views
         .iter()
         .map(|view| {
             let camera = limited(&view.camera, max_width);
-            let rendering = render_view(field, &camera, settings, skip);
+            let rendering = render_view(shader, &camera);
             let input = resize(&whitened(view), camera.width, camera.height, FilterType::Triangle);
             vec![input, to_rgb8(&rendering.color), depth_picture(&rendering.depth), normal_picture(&rendering, &camera)]
         })

@@ -8,7 +8,7 @@ use burn::module::Module;
 use burn::tensor::Device;
 use dvr_core::Scene;
 use dvr_model::Decoder;
-use dvr_render::{MarchSettings, RenderSettings};
+use dvr_render::{FieldShader, MarchSettings, RenderSettings};
 
 use crate::checkpoint::{Best, CHECKPOINT_VERSION, Checkpoint, CheckpointHeader};
 use crate::config::TrainConfig;
@@ -284,7 +284,9 @@ pub fn train(
 fn validate(trainer: &Trainer<Decoder>) -> Option<Agreement> {
     let march = MarchSettings { steps: 64, ..MarchSettings::default() };
     let settings = RenderSettings { march, ..RenderSettings::default() };
-    agreement(&trainer.frozen(), &trainer.views().held_out, &settings, trainer.bound(), VALIDATION_PIXELS)
+    let field = trainer.frozen();
+    let shader = FieldShader::new(&field, settings, trainer.bound());
+    agreement(&shader, &trainer.views().held_out, VALIDATION_PIXELS)
 }
 
 /// The decoder of a checkpoint, without gradient tracking.

@@ -1,7 +1,7 @@
-//! How well a field explains views that it was not trained on.
+//! How well a field, or a mesh, explains views that it was not made from.
 
 use dvr_core::{Ray, View};
-use dvr_render::{Field, RenderSettings, SkipGrid, shade_rays};
+use dvr_render::Shader;
 use serde::{Deserialize, Serialize};
 
 /// Agreement with held-out pixels.
@@ -15,25 +15,19 @@ pub struct Agreement {
     pub pixels: usize,
 }
 
-/// Compares renderings with views on an even subset of at most about `max_pixels` of their pixels; `None` without views.
-pub fn agreement(
-    field: &impl Field,
-    views: &[&View],
-    settings: &RenderSettings,
-    skip: Option<&SkipGrid>,
-    max_pixels: usize,
-) -> Option<Agreement> {
+/// Compares what a shader shows with views on an even subset of at most about `max_pixels` of their pixels; `None` without
+/// views.
+pub fn agreement(shader: &dyn Shader, views: &[&View], max_pixels: usize) -> Option<Agreement> {
     let pixels = pixel_subset(views, max_pixels);
     let rays: Vec<Ray> = pixels.iter().map(|&(view, u, v)| views[view].camera.pixel_ray(u, v)).collect();
-    let shaded = shade_rays(field, &rays, settings, skip);
     let (mut squared, mut intersection, mut union) = (0.0, 0usize, 0usize);
-    for (&(view, u, v), shaded) in pixels.iter().zip(&shaded) {
+    for (&(view, u, v), predicted) in pixels.iter().zip(shader.shade(&rays)) {
         let object = views[view].mask.is_object(u, v);
         let truth = if object { views[view].image.get_pixel(u, v).0.map(|c| f32::from(c) / 255.0) } else { [1.0; 3] };
-        let predicted = shaded.map_or([1.0; 3], |shaded| shaded.color);
-        squared += truth.iter().zip(predicted).map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>() / 3.0;
-        intersection += usize::from(object && shaded.is_some());
-        union += usize::from(object || shaded.is_some());
+        let shown = predicted.map_or([1.0; 3], |shaded| shaded.color);
+        squared += truth.iter().zip(shown).map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>() / 3.0;
+        intersection += usize::from(object && predicted.is_some());
+        union += usize::from(object || predicted.is_some());
     }
     let count = pixels.len();
     (count > 0).then(|| Agreement {

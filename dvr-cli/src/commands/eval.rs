@@ -5,15 +5,15 @@ use std::process::ExitCode;
 use anyhow::{Context, Result, bail};
 use dvr_core::dataset::read_scene;
 use dvr_core::mesh::{Mesh, read_mesh};
-use dvr_core::{Scene, UnitCube};
-use dvr_render::{MarchSettings, RenderSettings, SkipGrid};
+use dvr_core::{Scene, UnitCube, View};
+use dvr_render::{FieldShader, MarchSettings, MeshShader, RenderSettings, Shader, SkipGrid};
 use dvr_train::{
-    Error, Observer, SKIP_CELLS, ShapeEvaluation, ViewEvaluation, ViewSplit, decoder_of, evaluate_shape,
-    evaluate_views, judging_views, object_mesh, surface_points,
+    Error, Observer, SKIP_CELLS, ShapeEvaluation, Supervision, TrainConfig, ViewEvaluation, ViewSplit, decoder_of,
+    evaluate_shape, evaluate_views, judging_views, object_mesh, surface_points,
 };
 use serde::Serialize;
 
-use super::{extract_settings, load_run, scene_of_run};
+use super::{load_run, mesh_options, scene_of_run};
 use crate::args::EvalArgs;
 use crate::progress::Progress;
 
@@ -49,7 +49,10 @@ fn of_mesh(args: &EvalArgs) -> Result<Report> {
     let scene = read_scene(data, &args.reading.read_options())?;
     let mesh = read_mesh(&args.subject)?.mesh.transformed(&scene.object_to_world.inverse());
     let shape = evaluate_shape(&mesh, &scene.ground_truth, args.seed)?;
-    Ok(Report { scene: scene.name, shape, views: Vec::new() })
+    let hold_out_every = TrainConfig::new(Supervision::default()).hold_out_every;
+    let judges = judging_views(&scene, &ViewSplit::new(&scene, hold_out_every)?);
+    let views = if args.no_views { Vec::new() } else { rendered(&MeshShader::new(&mesh), &judges)? };
+    Ok(Report { scene: scene.name, shape, views })
 }
 
 fn of_run(args: &EvalArgs) -> Result<Report> {
@@ -58,7 +61,7 @@ fn of_run(args: &EvalArgs) -> Result<Report> {
     let field = decoder_of(&checkpoint, &args.backend.backend.device())?;
     let split = ViewSplit::new(&scene, checkpoint.header.config.hold_out_every)?;
     let seeds = surface_points(&field, &split.train, 2_000);
-    let mesh = match object_mesh(&field, &extract_settings(&args.extraction), &seeds) {
+    let mesh = match object_mesh(&field, &mesh_options(&args.meshing), &seeds, &[]) {
         Ok(extracted) => extracted.mesh,
         Err(Error::NoMesh(reason)) => {
             eprintln!("note: {reason}");
@@ -73,11 +76,15 @@ fn of_run(args: &EvalArgs) -> Result<Report> {
         let skip = SkipGrid::build(&field, UnitCube::default(), SKIP_CELLS, 8192);
         let march = MarchSettings { steps: args.samples as usize, ..MarchSettings::default() };
         let settings = RenderSettings { march, ..RenderSettings::default() };
-        let mut progress = Progress::new();
-        progress.phase("rendering held-out views", judges.len());
-        views = evaluate_views(&field, &judges, &settings, Some(&skip), |done| progress.progress(done, ""))?;
+        views = rendered(&FieldShader::new(&field, settings, Some(&skip)), &judges)?;
     }
     Ok(Report { scene: scene.name, shape, views })
+}
+
+fn rendered(shader: &dyn Shader, views: &[&View]) -> Result<Vec<ViewEvaluation>> {
+    let mut progress = Progress::new();
+    progress.phase("rendering held-out views", views.len());
+    Ok(evaluate_views(shader, views, |done| progress.progress(done, ""))?)
 }
 
 /// Prints the shape's figures, each Chamfer beside its floor.

@@ -2,11 +2,11 @@
 
 use std::process::ExitCode;
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use dvr_core::mesh::write_mesh;
 use dvr_train::{RunFolder, ViewSplit, decoder_of, extraction_warnings, object_mesh, surface_points, world_mesh};
 
-use super::{extract_settings, load_run, print_notes, scene_of_run};
+use super::{load_run, mesh_options, print_notes, scene_of_run};
 use crate::args::MeshArgs;
 
 /// Rays that look for parts which the coarse grid may miss.
@@ -16,15 +16,18 @@ const SEED_RAYS: usize = 2_000;
 pub fn run(args: &MeshArgs) -> Result<ExitCode> {
     let checkpoint = load_run(&args.run)?;
     let field = decoder_of(&checkpoint, &args.backend.backend.device())?;
-    // The scene only helps to find thin parts; a run can be meshed without it.
-    let seeds = match scene_of_run(&checkpoint, None) {
-        Ok(scene) => {
-            let views = ViewSplit::new(&scene, checkpoint.header.config.hold_out_every)?;
-            surface_points(&field, &views.train, SEED_RAYS)
+    // The scene helps to find thin parts and gives sharp colours; a run can be meshed without it.
+    let scene = scene_of_run(&checkpoint, args.data.as_ref());
+    let views = match &scene {
+        Ok(scene) => ViewSplit::new(scene, checkpoint.header.config.hold_out_every)?.train,
+        Err(error) if args.data.is_some() => bail!("{error:#}"),
+        Err(_) => {
+            eprintln!("note: the run's scene is not where it was (--data says where): colours come from the field");
+            Vec::new()
         }
-        Err(_) => Vec::new(),
     };
-    let extracted = object_mesh(&field, &extract_settings(&args.extraction), &seeds)?;
+    let seeds = surface_points(&field, &views, SEED_RAYS);
+    let extracted = object_mesh(&field, &mesh_options(&args.meshing), &seeds, &views)?;
     print_notes(&extraction_warnings(&extracted));
     let mesh = if args.object_space {
         extracted.mesh

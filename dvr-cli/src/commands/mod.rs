@@ -14,9 +14,9 @@ use anyhow::{Context, Result};
 use dvr_core::Scene;
 use dvr_core::dataset::{Normalise, ReadOptions, read_scene};
 use dvr_render::extract::ExtractSettings;
-use dvr_train::{Checkpoint, RunFolder};
+use dvr_train::{Checkpoint, ColorSource, MeshOptions, RunFolder};
 
-use crate::args::ExtractionArgs;
+use crate::args::{Colors, MeshingArgs};
 
 /// The checkpoint of a run's folder, or the checkpoint that is given itself.
 pub fn load_run(path: &Path) -> Result<Checkpoint> {
@@ -33,17 +33,21 @@ pub fn scene_of_run(checkpoint: &Checkpoint, moved: Option<&PathBuf>) -> Result<
     read_scene(path, &options).with_context(|| format!("the run's scene, {}", path.display()))
 }
 
-/// Extraction as the arguments want it.
-pub fn extract_settings(args: &ExtractionArgs) -> ExtractSettings {
-    let defaults = ExtractSettings::default();
+/// Meshing as the arguments want it.
+pub fn mesh_options(args: &MeshingArgs) -> MeshOptions {
     // The coarse grid has about 64 cells an edge: fine enough for most parts, a 64th of the cost of 256.
     let upsampling_steps = (args.resolution / 64).max(1).ilog2() as usize;
-    ExtractSettings {
+    let extraction = ExtractSettings {
         resolution: args.resolution as usize,
         upsampling_steps,
         min_component_share: args.min_piece,
-        ..defaults
-    }
+        ..ExtractSettings::default()
+    };
+    let colors = match args.colors {
+        Colors::Photos => ColorSource::Photos,
+        Colors::Field => ColorSource::Field,
+    };
+    MeshOptions { extraction, colors }
 }
 
 /// Prints notes on standard error, one a line.

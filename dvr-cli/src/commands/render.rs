@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use anyhow::{Context, Result};
 use dvr_core::files::{write_bytes_atomically, write_depth_exr, write_rgb_exr, write_rgb_png};
 use dvr_core::{Camera, Scene, Similarity, UnitCube};
-use dvr_render::{MarchSettings, RenderSettings, Rendering, SkipGrid, render_view};
+use dvr_render::{FieldShader, MarchSettings, RenderSettings, Rendering, SkipGrid, render_view};
 use dvr_train::preview::{normal_picture, to_rgb8};
 use dvr_train::{Observer, SKIP_CELLS, decoder_of};
 use glam::{DQuat, DVec3};
@@ -46,12 +46,12 @@ pub fn run(args: &RenderArgs) -> Result<ExitCode> {
     std::fs::create_dir_all(&args.out).with_context(|| args.out.display().to_string())?;
     let skip = SkipGrid::build(&field, UnitCube::default(), SKIP_CELLS, 8192);
     let march = MarchSettings { steps: args.samples as usize, ..MarchSettings::default() };
-    let settings = RenderSettings { march, ..RenderSettings::default() };
+    let shader = FieldShader::new(&field, RenderSettings { march, ..RenderSettings::default() }, Some(&skip));
     let mut progress = Progress::new();
     progress.phase("rendering", cameras.len());
     let mut frames = Vec::new();
     for (i, (name, camera)) in cameras.iter().enumerate() {
-        let rendering = render_view(&field, camera, &settings, Some(&skip));
+        let rendering = render_view(&shader, camera);
         let picture = to_rgb8(&rendering.color);
         write_frame(&args.out, name, args, camera, &rendering, &picture, &object_to_world)?;
         frames.push(picture);

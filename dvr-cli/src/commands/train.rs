@@ -7,9 +7,9 @@ use anyhow::{Context, Result, bail};
 use cpu_time::ProcessTime;
 use dvr_core::dataset::read_scene;
 use dvr_core::{Scene, Split};
-use dvr_train::{Checkpoint, RunFolder, RunMetrics, RunOptions, Stop, TrainConfig, finish, train};
+use dvr_train::{Agreement, Checkpoint, RunFolder, RunMetrics, RunOptions, Stop, TrainConfig, finish, train};
 
-use super::{extract_settings, print_notes, scene_of_run};
+use super::{mesh_options, print_notes, scene_of_run};
 use crate::EXIT_INTERRUPTED;
 use crate::args::{Preset, TrainArgs};
 use crate::commands::eval::print_shape;
@@ -64,8 +64,7 @@ pub fn run(args: &TrainArgs) -> Result<ExitCode> {
         );
         return Ok(ExitCode::from(EXIT_INTERRUPTED));
     }
-    let metrics =
-        finish(&scene, &trained.checkpoint, &folder, &extract_settings(&args.extraction), &device, &mut progress)?;
+    let metrics = finish(&scene, &trained.checkpoint, &folder, &mesh_options(&args.meshing), &device, &mut progress)?;
     report(&metrics, &folder, trained.seconds, cpu_seconds);
     if metrics.mesh.is_none() {
         bail!("there is no mesh: the field has no surface. Check masks and cameras with `dvr info`");
@@ -162,11 +161,10 @@ fn interrupt_on_ctrl_c() -> Result<()> {
 fn report(metrics: &RunMetrics, folder: &RunFolder, seconds: f64, cpu_seconds: f64) {
     print_notes(&metrics.warnings);
     println!("trained {} steps in {seconds:.1} s ({cpu_seconds:.1} CPU s), seed {}", metrics.steps, metrics.seed);
-    if let Some(held_out) = &metrics.held_out {
-        println!(
-            "held-out views: PSNR {:.2} dB, silhouette IoU {:.3} ({} pixels)",
-            held_out.psnr, held_out.mask_iou, held_out.pixels
-        );
+    for (what, agreement) in [("field", &metrics.held_out), ("mesh", &metrics.held_out_mesh)] {
+        if let Some(Agreement { psnr, mask_iou, pixels }) = agreement {
+            println!("held-out views, {what:<5}: PSNR {psnr:.2} dB, silhouette IoU {mask_iou:.3} ({pixels} pixels)");
+        }
     }
     print_shape(&metrics.shape);
     if let Some([vertices, faces]) = metrics.mesh {

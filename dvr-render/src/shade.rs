@@ -1,0 +1,165 @@
+//! What rays see: the common view of fields and meshes.
+
+use burn::tensor::Tensor;
+use dvr_core::mesh::Mesh;
+use dvr_core::{Bvh, Ray, UnitCube};
+use glam::Vec3;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use crate::field::{Field, Query};
+use crate::march::{MarchSettings, Marcher, TensorMarcher};
+use crate::rays::Rays;
+use crate::skip::SkipGrid;
+
+/// Something to look at: a field through its marcher, or a mesh. Pictures, validation and evaluation know nothing else.
+pub trait Shader: Sync {
+    /// What each ray sees, in the rays' order; `None` where it sees nothing.
+    fn shade(&self, rays: &[Ray]) -> Vec<Option<Shaded>>;
+}
+
+/// What one ray sees.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Shaded {
+    /// Ray depth.
+    pub depth: f32,
+    /// sRGB colour in `[0, 1]`.
+    pub color: [f32; 3],
+    /// Outward unit normal.
+    pub normal: [f32; 3],
+}
+
+/// How a field is looked at.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RenderSettings {
+    /// Samples across the *whole* cube; a ray that may only meet the object in a part of it gets its share.
+    pub march: MarchSettings,
+    /// Rays in flight at once, a thread.
+    pub max_rays: usize,
+}
+
+impl Default for RenderSettings {
+    fn default() -> Self {
+        Self { march: MarchSettings::default(), max_rays: 2048 }
+    }
+}
+
+/// A field, marched.
+#[derive(Clone, Copy, Debug)]
+pub struct FieldShader<'a, F> {
+    field: &'a F,
+    settings: RenderSettings,
+    skip: Option<&'a SkipGrid>,
+}
+
+impl<'a, F: Field> FieldShader<'a, F> {
+    /// A field that must not track gradients, searched in the whole cube or in what `skip` leaves of it.
+    pub fn new(field: &'a F, settings: RenderSettings, skip: Option<&'a SkipGrid>) -> Self {
+        Self { field, settings, skip }
+    }
+}
+
+impl<F: Field> Shader for FieldShader<'_, F> {
+    fn shade(&self, rays: &[Ray]) -> Vec<Option<Shaded>> {
+        shade_rays(self.field, rays, &self.settings, self.skip)
+    }
+}
+
+/// A mesh in object space with vertex colours, unlit; white where it has none.
+#[derive(Debug)]
+pub struct MeshShader<'a> {
+    mesh: &'a Mesh,
+    bvh: Bvh,
+}
+
+impl<'a> MeshShader<'a> {
+    /// Builds the hierarchy that finds hits.
+    pub fn new(mesh: &'a Mesh) -> Self {
+        Self { mesh, bvh: Bvh::new(mesh) }
+    }
+
+    fn shade_ray(&self, ray: &Ray) -> Option<Shaded> {
+        let hit = self.bvh.closest_hit(ray, 0.0, f64::INFINITY)?;
+        let corners = self.mesh.faces[hit.face as usize].map(|i| i as usize);
+        let weights = hit.barycentric.map(|weight| weight as f32);
+        let blend = |values: &dyn Fn(usize) -> Vec3| -> Vec3 { (0..3).map(|k| values(corners[k]) * weights[k]).sum() };
+        let color = match &self.mesh.colors {
+            Some(colors) => blend(&|i| colors[i].into()).to_array(),
+            None => [1.0; 3],
+        };
+        let [a, b, c] = self.mesh.triangle(hit.face as usize);
+        let normal = match &self.mesh.normals {
+            Some(normals) => blend(&|i| normals[i]),
+            None => (b - a).cross(c - a),
+        };
+        Some(Shaded { depth: hit.ray_depth as f32, color, normal: normal.normalize_or_zero().to_array() })
+    }
+}
+
+impl Shader for MeshShader<'_> {
+    fn shade(&self, rays: &[Ray]) -> Vec<Option<Shaded>> {
+        rays.par_iter().map(|ray| self.shade_ray(ray)).collect()
+    }
+}
+
+fn shade_rays(
+    field: &impl Field,
+    rays: &[Ray],
+    settings: &RenderSettings,
+    skip: Option<&SkipGrid>,
+) -> Vec<Option<Shaded>> {
+    let cube = UnitCube::default();
+    let whole = 2.0 * cube.half_extent();
+    // Rays of like length share a batch, so that each batch can take as few samples as its longest ray needs.
+    let mut jobs: Vec<(usize, f64, f64, usize)> = rays
+        .iter()
+        .enumerate()
+        .filter_map(|(i, ray)| {
+            let (entry, exit) = match skip {
+                Some(skip) => skip.interval(ray),
+                None => cube.intersect(ray),
+            }?;
+            let share = (exit - entry) * ray.direction.length() / whole;
+            // Round up to powers of two: few different batch shapes.
+            let steps = ((settings.march.steps as f64 * share).ceil() as usize).clamp(4, settings.march.steps);
+            Some((i, entry, exit, if skip.is_some() { steps.next_power_of_two() } else { settings.march.steps }))
+        })
+        .collect();
+    jobs.sort_by_key(|&(i, _, _, steps)| (steps, i));
+    let batches: Vec<&[(usize, f64, f64, usize)]> =
+        jobs.chunk_by(|a, b| a.3 == b.3).flat_map(|group| group.chunks(settings.max_rays)).collect();
+    let shaded: Vec<(usize, Shaded)> = batches
+        .into_par_iter()
+        .flat_map_iter(|batch| {
+            let cut: Vec<_> = batch.iter().map(|&(i, entry, exit, _)| (rays[i], entry, exit)).collect();
+            let march = MarchSettings { steps: batch[0].3, ..settings.march };
+            shade_batch(field, &Rays::within(&cut, &field.device()), march)
+                .into_iter()
+                .map(|(ray, shaded)| (batch[ray].0, shaded))
+        })
+        .collect();
+    let mut result = vec![None; rays.len()];
+    for (i, value) in shaded {
+        result[i] = Some(value);
+    }
+    result
+}
+
+/// Marches one batch and evaluates colour and normal at its hits: `(ray, what it sees)`.
+fn shade_batch(field: &impl Field, rays: &Rays, settings: MarchSettings) -> Vec<(usize, Shaded)> {
+    let Some(hits) = TensorMarcher::new(field, settings).march(rays, None).hits else { return Vec::new() };
+    let query: Query = hits.query();
+    let floats = |t: Tensor<2>| t.into_data().iter::<f32>().collect::<Vec<_>>();
+    let color = floats(field.evaluate(&query).color);
+    let gradient = floats(field.occupancy_gradient(&query));
+    let depth: Vec<f32> = hits.depth.into_data().iter::<f32>().collect();
+    let index: Vec<i64> = hits.index.into_data().iter::<i64>().collect();
+    let triple = |values: &[f32], i: usize| [values[3 * i], values[3 * i + 1], values[3 * i + 2]];
+    (0..depth.len())
+        .map(|i| {
+            let normal = (-glam::Vec3::from(triple(&gradient, i))).normalize_or_zero();
+            let shaded = Shaded { depth: depth[i], color: triple(&color, i), normal: normal.to_array() };
+            (index[i] as usize, shaded)
+        })
+        .collect()
+}

@@ -1,0 +1,180 @@
+//! Vertex colours from the photographs themselves.
+//!
+//! The texture field is smooth on purpose: fine colour would explain the pictures on a wrong surface. Once the surface
+//! is known, its colours can be read where they are sharp.
+
+use dvr_core::mesh::Mesh;
+use dvr_core::{Bvh, Ray, View};
+use glam::{DVec2, DVec3};
+use rayon::prelude::*;
+
+/// Views that a vertex takes its colour from, at most: those that see it best.
+const BEST_VIEWS: usize = 5;
+
+/// Cosine between the line of sight and the normal below which a view does not see a vertex well enough.
+const MIN_COSINE: f64 = 0.2;
+
+/// Share of the distance to the camera that a line of sight leaves the surface by before it is tested for occlusion.
+const CLEARANCE: f64 = 2e-3;
+
+/// How well one view sees a vertex, and what it shows there.
+struct Sight {
+    weight: f64,
+    color: [f32; 3],
+}
+
+/// Replaces the colours of a mesh in object space by what `views` show at its vertices; those that no view sees well
+/// keep theirs. Returns how many vertices were seen.
+///
+/// A vertex takes the weighted median of the views that see it best (most frontally, from the shortest distance in
+/// pixels), channel by channel: a highlight or a wrong mask in one of them does not count.
+pub fn bake_colors(mesh: &mut Mesh, views: &[&View]) -> usize {
+    let (Some(normals), Some(colors)) = (&mesh.normals, &mesh.colors) else { return 0 };
+    let bvh = Bvh::new(mesh);
+    let seen: Vec<Option<[f32; 3]>> = mesh
+        .vertices
+        .par_iter()
+        .zip(normals)
+        .map(|(vertex, normal)| {
+            let (point, normal) = (vertex.as_dvec3(), normal.as_dvec3());
+            let mut sights: Vec<Sight> = views.iter().filter_map(|view| sight(view, point, normal, &bvh)).collect();
+            sights.sort_by(|a, b| b.weight.total_cmp(&a.weight));
+            sights.truncate(BEST_VIEWS);
+            (!sights.is_empty()).then(|| [0, 1, 2].map(|channel| weighted_median(&sights, channel)))
+        })
+        .collect();
+    let count = seen.iter().flatten().count();
+    mesh.colors = Some(seen.into_iter().zip(colors).map(|(seen, &old)| seen.unwrap_or(old)).collect());
+    count
+}
+
+/// What a view shows at a point, or `None` where it does not see it.
+fn sight(view: &View, point: DVec3, normal: DVec3, bvh: &Bvh) -> Option<Sight> {
+    let camera = &view.camera;
+    let (pixel, z_depth) = camera.project(point);
+    if z_depth <= 0.0 || !camera.sees(pixel) {
+        return None;
+    }
+    let to_camera = camera.center() - point;
+    let cosine = normal.dot(to_camera) / to_camera.length();
+    if cosine < MIN_COSINE {
+        return None;
+    }
+    let color = sample(view, pixel)?;
+    let line = Ray { origin: point, direction: to_camera };
+    if bvh.any_hit(&line, CLEARANCE, 1.0) {
+        return None;
+    }
+    // Pixels a unit of surface: focal length over depth; squared it is the area's share of the picture.
+    let scale = camera.intrinsics.x_axis.x / z_depth;
+    Some(Sight { weight: (cosine * scale).powi(2), color })
+}
+
+/// The bilinear colour at pixel coordinates, or `None` where one of the four pixels is not the object's.
+fn sample(view: &View, pixel: DVec2) -> Option<[f32; 3]> {
+    let (width, height) = view.image.dimensions();
+    let corner = pixel - 0.5;
+    let (u, v) = (corner.x.floor(), corner.y.floor());
+    if u < 0.0 || v < 0.0 || u + 1.0 >= f64::from(width) || v + 1.0 >= f64::from(height) {
+        return None;
+    }
+    let (s, t) = ((corner.x - u) as f32, (corner.y - v) as f32);
+    let (u, v) = (u as u32, v as u32);
+    let mut color = [0.0; 3];
+    for (du, dv, weight) in [(0, 0, (1.0 - s) * (1.0 - t)), (1, 0, s * (1.0 - t)), (0, 1, (1.0 - s) * t), (1, 1, s * t)]
+    {
+        if !view.mask.is_object(u + du, v + dv) {
+            return None;
+        }
+        let pixel = view.image.get_pixel(u + du, v + dv).0;
+        (0..3).for_each(|c| color[c] += weight * f32::from(pixel[c]) / 255.0);
+    }
+    Some(color)
+}
+
+/// The value of one channel at which half of the weight is reached.
+fn weighted_median(sights: &[Sight], channel: usize) -> f32 {
+    let mut values: Vec<(f32, f64)> = sights.iter().map(|sight| (sight.color[channel], sight.weight)).collect();
+    values.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let half = 0.5 * values.iter().map(|(_, weight)| weight).sum::<f64>();
+    let mut reached = 0.0;
+    for &(value, weight) in &values {
+        reached += weight;
+        if reached >= half {
+            return value;
+        }
+    }
+    values.last().map_or(0.0, |&(value, _)| value)
+}
+
+#[cfg(test)]
+mod tests {
+    use dvr_core::mesh::shapes;
+    use dvr_core::{Camera, Mask, Split};
+    use glam::Vec3;
+
+    use super::*;
+
+    /// A camera on an axis that shows a ball in one colour.
+    fn view(eye: DVec3, color: [u8; 3]) -> View {
+        let camera = Camera::look_at(60, 60, 60.0, eye, DVec3::ZERO, DVec3::new(0.1, 1.0, 0.2));
+        let mut mask = image::GrayImage::new(60, 60);
+        for (u, v, pixel) in mask.enumerate_pixels_mut() {
+            let ray = camera.pixel_ray(u, v);
+            let closest = ray.at(-ray.origin.dot(ray.direction) / ray.direction.length_squared());
+            pixel.0[0] = if closest.length() < 0.4 { 255 } else { 0 };
+        }
+        let image = image::RgbImage::from_pixel(60, 60, image::Rgb(color));
+        View { name: format!("{eye}"), camera, image, mask: Mask { coverage: mask }, depth: None, split: Split::Train }
+    }
+
+    fn ball() -> Mesh {
+        let mut mesh = shapes::icosphere(3, 0.4);
+        mesh.normals = Some(mesh.vertices.iter().map(|v| v.normalize()).collect());
+        mesh.colors = Some(vec![[0.0, 0.0, 1.0]; mesh.vertices.len()]);
+        mesh
+    }
+
+    #[test]
+    fn vertices_take_the_colour_of_the_view_that_faces_them_and_unseen_ones_keep_theirs() {
+        let mut mesh = ball();
+        let views = [view(DVec3::Z * 2.0, [255, 0, 0]), view(DVec3::Y * 2.0, [0, 255, 0])];
+        let seen = bake_colors(&mut mesh, &views.iter().collect::<Vec<_>>());
+        assert!(seen > mesh.vertices.len() / 3 && seen < mesh.vertices.len());
+        let color_near = |direction: Vec3| {
+            let nearest = (0..mesh.vertices.len())
+                .max_by(|&a, &b| mesh.vertices[a].dot(direction).total_cmp(&mesh.vertices[b].dot(direction)))
+                .unwrap();
+            mesh.colors.as_ref().unwrap()[nearest]
+        };
+        assert_eq!(color_near(Vec3::Z), [1.0, 0.0, 0.0]);
+        assert_eq!(color_near(Vec3::Y), [0.0, 1.0, 0.0]);
+        assert_eq!(color_near(Vec3::NEG_Z), [0.0, 0.0, 1.0], "nobody sees the back");
+    }
+
+    #[test]
+    fn one_odd_view_of_three_does_not_count() {
+        let mut mesh = ball();
+        let views = [
+            view(DVec3::new(0.0, 0.2, 2.0), [200, 100, 50]),
+            view(DVec3::new(0.2, 0.0, 2.0), [200, 100, 50]),
+            view(DVec3::new(0.0, 0.0, 2.0), [255, 255, 255]),
+        ];
+        bake_colors(&mut mesh, &views.iter().collect::<Vec<_>>());
+        let front =
+            (0..mesh.vertices.len()).max_by(|&a, &b| mesh.vertices[a].z.total_cmp(&mesh.vertices[b].z)).unwrap();
+        assert!((mesh.colors.unwrap()[front][1] - 100.0 / 255.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn an_occluder_hides_what_is_behind_it() {
+        let mut mesh = ball();
+        let screen = shapes::cuboid(Vec3::new(-0.6, -0.6, 0.8), Vec3::new(0.6, 0.6, 0.82));
+        let ball_vertices = mesh.vertices.len();
+        mesh = shapes::union([mesh, screen]);
+        mesh.normals = Some(shapes::vertex_normals(&mesh.vertices, &mesh.faces));
+        mesh.colors = Some(vec![[0.0, 0.0, 1.0]; mesh.vertices.len()]);
+        bake_colors(&mut mesh, &[&view(DVec3::Z * 2.0, [255, 0, 0])]);
+        assert!(mesh.colors.unwrap()[..ball_vertices].iter().all(|&c| c == [0.0, 0.0, 1.0]));
+    }
+}
