@@ -25,6 +25,7 @@
 mod bvh;
 mod camera;
 pub mod dataset;
+mod distance_transform;
 mod error;
 pub mod files;
 pub mod hull;

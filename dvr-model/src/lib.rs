@@ -25,7 +25,9 @@
 
 mod decoder;
 mod encoding;
+mod lattice_field;
 mod record;
 
 pub use decoder::{Conditioned, Decoder, DecoderConfig, ResnetBlock};
+pub use lattice_field::{LatticeField, LatticeValues};
 pub use record::{FORMAT_VERSION, RecordError, from_safetensors, load_safetensors, save_safetensors, to_safetensors};

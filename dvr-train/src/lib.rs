@@ -44,6 +44,7 @@ mod config;
 mod error;
 mod evaluate;
 mod export;
+mod fast;
 mod finish;
 pub mod losses;
 mod metrics_log;
@@ -62,6 +63,7 @@ pub use config::{HullUse, LossWeights, MarchStage, OccupancyPoint, Supervision, 
 pub use error::{Error, Result};
 pub use evaluate::{ShapeEvaluation, ViewEvaluation, evaluate_shape, evaluate_views};
 pub use export::{ColorSource, MeshOptions, object_mesh, world_mesh};
+pub use fast::{DisagreeingViews, FastConfig, FastLosses, FastTrainer};
 pub use finish::{RunMetrics, SKIP_CELLS, extraction_warnings, finish, judging_views, surface_points};
 pub use objective::{StepLoss, StepNoise, sparse_depth_loss, step_loss};
 pub use run::{Observer, RunFolder, RunOptions, Stop, Trained, decoder_of, train};

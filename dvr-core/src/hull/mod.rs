@@ -6,12 +6,14 @@
 
 mod carve;
 mod consistency;
+mod distance;
 mod normalisation;
 mod silhouette;
 
 use glam::DVec3;
 
 pub use consistency::silhouette_consistency;
+pub use distance::{MaskDistance, hull_distance};
 pub use normalisation::{Normalisation, normalisation};
 
 use crate::camera::Camera;

@@ -1,0 +1,113 @@
+//! Adam (Kingma and Ba 2015) on the active nodes of a lattice.
+
+use pulp::Arch;
+use rayon::prelude::*;
+
+use crate::active::ActiveNodes;
+
+/// What a step needs to know.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AdamStep {
+    /// Step size.
+    pub learning_rate: f32,
+    /// Decay of the gradient's running mean.
+    pub beta1: f32,
+    /// Decay of the running mean of its square.
+    pub beta2: f32,
+    /// Added to the root of the latter.
+    pub epsilon: f32,
+    /// Which step it is, from 1: corrects the bias of means that started at zero.
+    pub step: i32,
+}
+
+/// The running means, one each a parameter.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Moments {
+    /// Of the gradient.
+    pub first: Vec<f32>,
+    /// Of its square.
+    pub second: Vec<f32>,
+}
+
+impl Moments {
+    /// Zeros for so many parameters.
+    pub fn new(parameters: usize) -> Self {
+        Self { first: vec![0.0; parameters], second: vec![0.0; parameters] }
+    }
+}
+
+/// Moves the parameters at the active nodes; each node has `channels` of them, side by side.
+///
+/// # Panics
+/// When a slice is not `channels` times as long as the lattice.
+pub fn step(
+    parameters: &mut [f32],
+    gradient: &[f32],
+    moments: &mut Moments,
+    active: &ActiveNodes,
+    channels: usize,
+    settings: &AdamStep,
+) {
+    let nodes = active.lattice().nodes();
+    let (layer, total) = (nodes * nodes * channels, active.lattice().len() * channels);
+    assert!(
+        [parameters.len(), gradient.len(), moments.first.len(), moments.second.len()].iter().all(|&n| n == total),
+        "{channels} values a node"
+    );
+    let arch = Arch::new();
+    (parameters.par_chunks_mut(layer), gradient.par_chunks(layer))
+        .into_par_iter()
+        .zip((moments.first.par_chunks_mut(layer), moments.second.par_chunks_mut(layer)))
+        .enumerate()
+        .for_each(|(z, ((parameters, gradient), (first, second)))| {
+            for &(start, length) in active.layer(z) {
+                let start = start as usize * channels - z * layer;
+                let range = start..start + length as usize * channels;
+                arch.dispatch(|| {
+                    run(
+                        &mut parameters[range.clone()],
+                        &gradient[range.clone()],
+                        &mut first[range.clone()],
+                        &mut second[range.clone()],
+                        settings,
+                    );
+                });
+            }
+        });
+}
+
+/// One run; inlined into the dispatch, so that it is compiled for each instruction set.
+#[inline(always)]
+fn run(parameters: &mut [f32], gradient: &[f32], first: &mut [f32], second: &mut [f32], settings: &AdamStep) {
+    let AdamStep { learning_rate, beta1, beta2, epsilon, step } = *settings;
+    let rate = learning_rate / (1.0 - beta1.powi(step));
+    let scale = 1.0 / (1.0 - beta2.powi(step));
+    for (((parameter, &g), m), v) in parameters.iter_mut().zip(gradient).zip(first).zip(second) {
+        *m = beta1 * *m + (1.0 - beta1) * g;
+        *v = beta2 * *v + (1.0 - beta2) * g * g;
+        *parameter -= rate * *m / ((*v * scale).sqrt() + epsilon);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lattice::Lattice;
+
+    #[test]
+    fn active_parameters_follow_adam_and_others_rest() {
+        let lattice = Lattice::new(5, 0.5);
+        let active = ActiveNodes::new(&lattice, |node| node % 4 != 1);
+        let total = 3 * lattice.len();
+        let gradient: Vec<f32> = (0..total).map(|i| (0.1 + i as f32 * 0.7).sin()).collect();
+        let (mut parameters, mut moments) = (vec![1.0f32; total], Moments::new(total));
+        let at = |step| AdamStep { learning_rate: 0.1, beta1: 0.9, beta2: 0.99, epsilon: 1e-8, step };
+        step(&mut parameters, &gradient, &mut moments, &active, 3, &at(1));
+        step(&mut parameters, &gradient, &mut moments, &active, 3, &at(2));
+        for i in 0..total {
+            // A constant gradient moves a parameter by the learning rate a step.
+            let moved = if i / 3 % 4 == 1 { 0.0 } else { 0.2 * gradient[i].signum() };
+            assert!((1.0 - parameters[i] - moved).abs() < 1e-5, "{i}: {}", parameters[i]);
+        }
+    }
+}

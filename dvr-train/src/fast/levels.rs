@@ -1,0 +1,187 @@
+//! Parameters on nested lattices, from coarse to fine, whose sum is one fine lattice.
+
+use dvr_kernels::adam::{self, AdamStep, Moments};
+use dvr_kernels::{ActiveNodes, Lattice, pyramid};
+use rayon::prelude::*;
+
+/// Decay of Adam's means: the second is shorter than usual, since a run has hundreds of steps, not thousands.
+const BETAS: (f32, f32) = (0.9, 0.99);
+
+/// The parameters of one lattice.
+#[derive(Clone, Debug)]
+struct Level {
+    active: ActiveNodes,
+    parameters: Vec<f32>,
+    gradient: Vec<f32>,
+    moments: Moments,
+    /// Sum of this level and the coarser ones.
+    sum: Vec<f32>,
+}
+
+/// Nested lattices of `C` channels a node. A coarse node moves all fine ones around it: gradients reach far at once, and
+/// the fine levels add the detail. The sum is kept *baked* into the finest lattice, the only one that is ever sampled.
+#[derive(Clone, Debug)]
+pub(super) struct Levels<const C: usize> {
+    /// Coarse to fine; at least one.
+    levels: Vec<Level>,
+    /// What is added to the sum of the levels, at the finest nodes.
+    base: Vec<f32>,
+    baked: Vec<f32>,
+    steps: i32,
+}
+
+impl<const C: usize> Levels<C> {
+    /// Zero parameters on top of `base`, at the active nodes of the finest lattice and `coarser` coarser ones.
+    pub fn new(active: ActiveNodes, base: Vec<f32>, coarser: usize) -> Self {
+        let mut levels = vec![Level::new(active, C)];
+        for _ in 0..coarser {
+            let next = levels[levels.len() - 1].active.coarser();
+            levels.push(Level::new(next, C));
+        }
+        levels.reverse();
+        Self { baked: base.clone(), levels, base, steps: 0 }
+    }
+
+    /// The finest lattice.
+    pub fn lattice(&self) -> &Lattice {
+        self.active().lattice()
+    }
+
+    /// The active nodes of the finest lattice.
+    pub fn active(&self) -> &ActiveNodes {
+        &self.finest().active
+    }
+
+    /// The values at the finest nodes, all levels and the base summed.
+    pub fn baked(&self) -> &[f32] {
+        &self.baked
+    }
+
+    /// The gradient by the baked values, to be written before [`Levels::step`], and the nodes at which it counts.
+    pub fn gradient_mut(&mut self) -> (&mut [f32], &ActiveNodes) {
+        let last = self.levels.len() - 1;
+        let Level { gradient, active, .. } = &mut self.levels[last];
+        (gradient, active)
+    }
+
+    /// Parameters of all levels.
+    pub fn parameters(&self) -> usize {
+        self.levels.iter().map(|level| C * level.active.count()).sum()
+    }
+
+    /// The same sum on a lattice of twice the cells, with a new base there and one more level.
+    pub fn refined(&self, active: ActiveNodes, base: Vec<f32>) -> Self {
+        let mut levels: Vec<Level> = Vec::new();
+        let mut coarser = active.coarser();
+        for level in self.levels.iter().rev() {
+            // A node that becomes active was zero so far; one that no longer is keeps what it has.
+            let active = ActiveNodes::union(&coarser, &level.active);
+            if levels.len() + 1 < self.levels.len() {
+                coarser = active.coarser();
+            }
+            levels.push(Level { active, ..level.clone() });
+        }
+        levels.reverse();
+        levels.push(Level::new(active, C));
+        let mut refined = Self { baked: base.clone(), levels, base, steps: self.steps };
+        refined.bake();
+        refined
+    }
+
+    /// One step of Adam against the gradient, then the sum again. `rates` gives the step size of each level, coarse to
+    /// fine.
+    pub fn step(&mut self, rates: impl Fn(usize) -> f32) {
+        for i in (1..self.levels.len()).rev() {
+            let (coarse, fine) = self.levels.split_at_mut(i);
+            let coarse = &mut coarse[i - 1];
+            pyramid::restrict::<C>(&fine[0].gradient, &mut coarse.gradient, &coarse.active);
+        }
+        self.steps += 1;
+        for (i, level) in self.levels.iter_mut().enumerate() {
+            let (beta1, beta2) = BETAS;
+            let settings = AdamStep { learning_rate: rates(i), beta1, beta2, epsilon: 1e-10, step: self.steps };
+            let Level { active, parameters, gradient, moments, .. } = level;
+            adam::step(parameters, gradient, moments, active, C, &settings);
+        }
+        self.bake();
+    }
+
+    fn finest(&self) -> &Level {
+        &self.levels[self.levels.len() - 1]
+    }
+
+    /// Sums base and levels.
+    fn bake(&mut self) {
+        let last = self.levels.len() - 1;
+        for i in 0..=last {
+            let (coarse, fine) = self.levels.split_at_mut(i);
+            let Level { active, parameters, sum, .. } = &mut fine[0];
+            let (target, base) = if i == last { (&mut self.baked, Some(&self.base)) } else { (sum, None) };
+            sum_active::<C>(target, parameters, base, active);
+            if let Some(coarse) = coarse.last() {
+                pyramid::prolong_add::<C>(&coarse.sum, target, active);
+            }
+        }
+    }
+}
+
+impl Level {
+    fn new(active: ActiveNodes, channels: usize) -> Self {
+        let total = channels * active.lattice().len();
+        let zeros = vec![0.0; total];
+        Self { active, parameters: zeros.clone(), gradient: zeros.clone(), moments: Moments::new(total), sum: zeros }
+    }
+}
+
+/// `target = parameters (+ base)` at the active nodes.
+fn sum_active<const C: usize>(target: &mut [f32], parameters: &[f32], base: Option<&Vec<f32>>, active: &ActiveNodes) {
+    let layer = C * active.lattice().nodes().pow(2);
+    target.par_chunks_mut(layer).enumerate().for_each(|(z, target)| {
+        for &(start, length) in active.layer(z) {
+            let range = C * start as usize..C * (start + length) as usize;
+            let out = &mut target[range.start - z * layer..range.end - z * layer];
+            out.copy_from_slice(&parameters[range.clone()]);
+            if let Some(base) = base {
+                out.iter_mut().zip(&base[range]).for_each(|(out, base)| *out += base);
+            }
+        }
+    });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_step_lowers_the_value_under_a_positive_gradient_at_every_level() {
+        let lattice = Lattice::new(9, 0.5);
+        let active = ActiveNodes::new(&lattice, |node| lattice.position(node).length() < 0.3);
+        let mut levels = Levels::<1>::new(active, vec![1.0; lattice.len()], 2);
+        let middle = lattice.index([4, 4, 4]);
+        levels.gradient_mut().0[middle] = 1.0;
+        levels.step(|level| if level == 1 { 0.1 } else { 0.0 });
+        // Only the middle level moved: by its rate at its node, half of it half way to the next one.
+        assert!((levels.baked()[middle] - 0.9).abs() < 1e-5);
+        assert!((levels.baked()[lattice.index([5, 4, 4])] - 0.95).abs() < 1e-5);
+        assert_eq!(levels.baked()[0], 1.0, "not active");
+    }
+
+    #[test]
+    fn refining_keeps_the_function() {
+        let (coarse, fine) = (Lattice::new(9, 0.5), Lattice::new(17, 0.5));
+        let near = |lattice: &Lattice, radius: f32| {
+            ActiveNodes::new(lattice, |node| lattice.position(node).length() < radius)
+        };
+        let mut levels = Levels::<1>::new(near(&coarse, 0.4), vec![0.0; coarse.len()], 1);
+        for node in 0..coarse.len() {
+            levels.gradient_mut().0[node] = ((node * 7919) % 13) as f32 - 6.0;
+        }
+        levels.step(|_| 0.1);
+        // Well inside the band: at its border nodes become active that were not.
+        let refined = levels.refined(near(&fine, 0.15), vec![0.0; fine.len()]);
+        for node in refined.active().iter() {
+            let expected = coarse.value(levels.baked(), fine.position(node));
+            assert!((refined.baked()[node] - expected).abs() < 1e-5, "{node}");
+        }
+    }
+}

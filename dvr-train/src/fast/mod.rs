@@ -1,0 +1,12 @@
+//! The fast method: a field on lattices, rays that meet it exactly, and gradients by hand.
+
+mod config;
+mod levels;
+mod rays;
+mod scatter;
+mod start;
+mod trainer;
+mod views;
+
+pub use config::{DisagreeingViews, FastConfig, FastLosses};
+pub use trainer::FastTrainer;

@@ -1,0 +1,189 @@
+//! Photographs as the fast trainer reads them: packed pixels, projections in f32, neighbours.
+
+use dvr_core::View;
+use dvr_core::hull::MaskDistance;
+use glam::{Mat3, Vec2, Vec3};
+
+/// One training view.
+#[derive(Clone, Debug)]
+pub(super) struct FastView {
+    /// Where the camera stands.
+    pub center: Vec3,
+    /// Pixel coordinates (and 1) to a ray direction of unit z-depth.
+    to_direction: Mat3,
+    /// `K R` and `K t`.
+    projection: Mat3,
+    offset: Vec3,
+    width: u32,
+    height: u32,
+    /// Red, green, blue, and 255 where the pixel shows the object.
+    pixels: Vec<[u8; 4]>,
+    /// Measured z-depth; empty without.
+    z_depth: Vec<f32>,
+    /// Views that look at the object from close by, nearest first.
+    pub neighbours: Vec<u32>,
+}
+
+/// A pixel of a view and its ray.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct PixelRay {
+    pub view: u32,
+    pub direction: Vec3,
+    pub color: Vec3,
+    pub object: bool,
+    /// Not finite where nothing was measured.
+    pub z_depth: f32,
+}
+
+/// What a view shows at a point, and how that changes as the point moves along a direction.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Reprojection {
+    pub color: Vec3,
+    pub derivative: Vec3,
+}
+
+/// Views beyond this angle from each other show too different sides of a surface to be compared, as a cosine.
+const MAX_NEIGHBOUR_ANGLE: f32 = 0.5;
+
+impl FastView {
+    /// Packs views; each gets at most `neighbours` neighbours.
+    pub fn pack(views: &[&View], neighbours: usize) -> Vec<Self> {
+        let mut packed: Vec<Self> = views.iter().map(|view| Self::new(view)).collect();
+        let toward: Vec<Vec3> = packed.iter().map(|view| view.center.normalize_or_zero()).collect();
+        for (i, view) in packed.iter_mut().enumerate() {
+            let cosine = |j: usize| toward[i].dot(toward[j]);
+            let mut others: Vec<usize> =
+                (0..toward.len()).filter(|&j| j != i && cosine(j) > MAX_NEIGHBOUR_ANGLE).collect();
+            others.sort_by(|&a, &b| cosine(b).total_cmp(&cosine(a)));
+            view.neighbours = others.into_iter().take(neighbours).map(|j| j as u32).collect();
+        }
+        packed
+    }
+
+    fn new(view: &View) -> Self {
+        let camera = &view.camera;
+        let (width, height) = view.image.dimensions();
+        let pack = |(u, v, pixel): (u32, u32, &image::Rgb<u8>)| {
+            let [r, g, b] = pixel.0;
+            [r, g, b, if view.mask.is_object(u, v) { 255 } else { 0 }]
+        };
+        Self {
+            center: camera.center().as_vec3(),
+            to_direction: (camera.rotation.transpose() * camera.intrinsics.inverse()).as_mat3(),
+            projection: (camera.intrinsics * camera.rotation).as_mat3(),
+            offset: (camera.intrinsics * camera.translation).as_vec3(),
+            width,
+            height,
+            pixels: view.image.enumerate_pixels().map(pack).collect(),
+            z_depth: view.depth.as_ref().map_or_else(Vec::new, |depth| depth.z_depth.clone()),
+            neighbours: Vec::new(),
+        }
+    }
+
+    /// The ray of a pixel, by its index in the image; `view` is this view's index.
+    pub fn pixel_ray(&self, view: u32, index: u32) -> PixelRay {
+        let (u, v) = (index % self.width, index / self.width);
+        let [r, g, b, object] = self.pixels[index as usize];
+        PixelRay {
+            view,
+            direction: self.to_direction * Vec3::new(u as f32 + 0.5, v as f32 + 0.5, 1.0),
+            color: Vec3::new(f32::from(r), f32::from(g), f32::from(b)) / 255.0,
+            object: object > 0,
+            z_depth: self.z_depth.get(index as usize).copied().unwrap_or(f32::NAN),
+        }
+    }
+
+    /// Pixel coordinates and z-depth of a point.
+    pub fn project(&self, point: Vec3) -> (Vec2, f32) {
+        let q = self.projection * point + self.offset;
+        (Vec2::new(q.x, q.y) / q.z, q.z)
+    }
+
+    /// The colour at the projection of a point, and its derivative as the point moves along `direction`; `None` where the
+    /// view does not show the object in all four pixels around.
+    pub fn reproject(&self, point: Vec3, direction: Vec3) -> Option<Reprojection> {
+        let (pixel, z) = self.project(point);
+        if z <= 0.0 {
+            return None;
+        }
+        let (x, y) = (pixel.x - 0.5, pixel.y - 0.5);
+        if !(x >= 0.0 && y >= 0.0 && x < (self.width - 1) as f32 && y < (self.height - 1) as f32) {
+            return None;
+        }
+        let corner = y as usize * self.width as usize + x as usize;
+        let quad = [0, 1, self.width as usize, self.width as usize + 1].map(|offset| self.pixels[corner + offset]);
+        if quad.iter().any(|pixel| pixel[3] == 0) {
+            return None;
+        }
+        let [a, b, c, d] = quad.map(|p| Vec3::new(f32::from(p[0]), f32::from(p[1]), f32::from(p[2])) / 255.0);
+        let (s, t) = (x.fract(), y.fract());
+        let (top, bottom) = (a + (b - a) * s, c + (d - c) * s);
+        let (by_x, by_y) = ((b - a) + ((d - c) - (b - a)) * t, bottom - top);
+        let moved = self.projection * direction;
+        let flow = (Vec2::new(moved.x, moved.y) - pixel * moved.z) / z;
+        Some(Reprojection { color: top + (bottom - top) * t, derivative: by_x * flow.x + by_y * flow.y })
+    }
+}
+
+/// The pixels that have something to teach, in an order that visits each once before any twice.
+#[derive(Clone, Debug)]
+pub(super) struct PixelOrder {
+    /// Pixel indices, view after view.
+    pixels: Vec<u32>,
+    /// Where each view's begin, and their number.
+    starts: Vec<usize>,
+    stride: u64,
+}
+
+impl PixelOrder {
+    /// Takes the pixels of each mask and those within `margin` pixels of it.
+    pub fn new(views: &[&View], masks: &[MaskDistance], margin: impl Fn(usize) -> f32) -> Self {
+        let (mut pixels, mut starts) = (Vec::new(), vec![0]);
+        for (i, (view, mask)) in views.iter().zip(masks).enumerate() {
+            let (width, height) = view.image.dimensions();
+            let margin = margin(i);
+            let near = |&index: &u32| {
+                let (u, v) = (index % width, index / width);
+                view.mask.is_object(u, v) || mask.of_pixel(u, v) > -margin
+            };
+            pixels.extend((0..width * height).filter(near));
+            starts.push(pixels.len());
+        }
+        let stride = coprime_near(0.618_034 * pixels.len() as f64, pixels.len() as u64);
+        Self { pixels, starts, stride }
+    }
+
+    /// How many pixels there are.
+    pub fn len(&self) -> usize {
+        self.pixels.len()
+    }
+
+    /// The view and pixel index that come `count`th; `seed` shifts each pass through the pixels.
+    pub fn pick(&self, count: u64, seed: u64) -> (u32, u32) {
+        let total = self.pixels.len() as u64;
+        let (pass, within) = (count / total, count % total);
+        let shift = mix(seed ^ pass.wrapping_mul(0x9e37_79b9_7f4a_7c15)) % total;
+        let index = ((u128::from(within) * u128::from(self.stride) + u128::from(shift)) % u128::from(total)) as usize;
+        let view = self.starts.partition_point(|&start| start <= index) - 1;
+        (view as u32, self.pixels[index])
+    }
+}
+
+/// The number near `wanted` that has no factor in common with `total`.
+fn coprime_near(wanted: f64, total: u64) -> u64 {
+    let gcd = |mut a: u64, mut b: u64| {
+        while b > 0 {
+            (a, b) = (b, a % b);
+        }
+        a
+    };
+    (wanted as u64..).find(|&n| gcd(n.max(1), total.max(1)) == 1).unwrap_or(1).max(1)
+}
+
+/// A hash whose outputs look random (Steele et al. 2014, SplitMix64).
+pub(super) fn mix(seed: u64) -> u64 {
+    let mut z = seed.wrapping_add(0x9e37_79b9_7f4a_7c15);
+    z = (z ^ z >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ z >> 31
+}
