@@ -134,7 +134,7 @@ pub struct TrainArgs {
     #[arg(long, short, value_name = "DIR", required_unless_present = "print_config")]
     pub out: Option<PathBuf>,
     /// Continue the run in --out from its last checkpoint
-    #[arg(long, conflicts_with_all = ["overwrite", "config", "set", "supervision", "steps", "seed"])]
+    #[arg(long, conflicts_with_all = ["overwrite", "config", "set", "supervision", "steps", "seed", "method", "capacity", "max_bytes"])]
     pub resume: bool,
     /// Replace the run in --out
     #[arg(long)]
@@ -142,9 +142,15 @@ pub struct TrainArgs {
     /// What teaches the shape: rgb, depth or rgb+depth [default: rgb]
     #[arg(long, value_name = "WHAT", help_heading = "Training")]
     pub supervision: Option<Supervision>,
-    /// Where the configuration starts from
-    #[arg(long, value_enum, default_value_t = Preset::Default, help_heading = "Training")]
-    pub preset: Preset,
+    /// How to reconstruct
+    #[arg(long, visible_alias = "preset", value_enum, default_value_t = MethodName::Fast, help_heading = "Training")]
+    pub method: MethodName,
+    /// How fine the field of `fast` may become: auto, or cells along an edge (a power of two, 16 to 512) [default: auto]
+    #[arg(long, value_parser = parse_capacity, value_name = "CELLS", help_heading = "Training")]
+    pub capacity: Option<CapacityArg>,
+    /// The stored field of `fast` may not take more than this, e.g. 32k or 1M
+    #[arg(long, value_parser = parse_bytes, value_name = "BYTES", help_heading = "Training")]
+    pub max_bytes: Option<usize>,
     /// Optimiser steps [default: see --print-config]
     #[arg(long, value_name = "N", help_heading = "Training")]
     pub steps: Option<usize>,
@@ -171,13 +177,26 @@ pub struct TrainArgs {
     pub reading: SceneArgs,
 }
 
-/// Where a configuration starts from.
+/// How a scene is reconstructed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Preset {
-    /// Visual hull start, positional encoding: minutes
-    Default,
-    /// The settings of the original publication: hours
+pub enum MethodName {
+    /// A compact field on lattices: seconds
+    Fast,
+    /// The publication's network, started from the visual hull: minutes
+    Network,
+    /// The network with the publication's own settings: hours
     Classic,
+    /// The visual hull of the masks, coloured by the photographs: what can be had without any training
+    Hull,
+}
+
+/// What `--capacity` says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CapacityArg {
+    /// As fine as held-out views ask for.
+    Auto,
+    /// So many cells along an edge.
+    Cells(usize),
 }
 
 /// Where a mesh has its colours from.
@@ -380,6 +399,26 @@ fn parse_duration(text: &str) -> Result<Duration, String> {
     Duration::try_from_secs_f64(seconds * factor).map_err(|e| format!("{text:?}: {e}"))
 }
 
+/// Reads `auto` or a number of cells.
+fn parse_capacity(text: &str) -> Result<CapacityArg, String> {
+    if text == "auto" {
+        return Ok(CapacityArg::Auto);
+    }
+    let cells = text.parse::<usize>().ok().filter(|n| n.is_power_of_two() && (16..=512).contains(n));
+    cells.map(CapacityArg::Cells).ok_or_else(|| format!("{text:?}: write auto, or a power of two from 16 to 512"))
+}
+
+/// Reads `32000`, `32k` or `1M`.
+fn parse_bytes(text: &str) -> Result<usize, String> {
+    let (number, factor) = match text.char_indices().last() {
+        Some((i, 'k' | 'K')) => (&text[..i], 1_000),
+        Some((i, 'M')) => (&text[..i], 1_000_000),
+        _ => (text, 1),
+    };
+    let bytes = number.parse::<usize>().ok().filter(|&n| n > 0).and_then(|n| n.checked_mul(factor));
+    bytes.ok_or_else(|| format!("{text:?} is no size; write 32000, 32k or 1M"))
+}
+
 /// Reads `64` or `320x240`.
 fn parse_size(text: &str) -> Result<(u32, u32), String> {
     let (width, height) = text.split_once('x').unwrap_or((text, text));
@@ -407,6 +446,10 @@ mod tests {
         assert_eq!(parse_duration("1.5m"), Ok(Duration::from_secs(90)));
         assert!(parse_duration("soon").is_err() && parse_duration("-1s").is_err());
         assert_eq!(parse_size("320x240"), Ok((320, 240)));
+        assert_eq!(parse_capacity("64"), Ok(CapacityArg::Cells(64)));
+        assert!(parse_capacity("65").is_err() && parse_capacity("much").is_err());
+        assert_eq!((parse_bytes("32k"), parse_bytes("1M")), (Ok(32_000), Ok(1_000_000)));
+        assert!(parse_bytes("k").is_err() && parse_bytes("0").is_err());
         assert!(parse_size("0").is_err() && parse_size("axb").is_err());
     }
 }

@@ -15,7 +15,7 @@ pub fn signed_distance(inside: &[bool], width: usize) -> Vec<f32> {
 
 /// Squared distance of each cell to the nearest cell that is `kind`.
 fn squared_distance(cells: &[bool], width: usize, kind: bool) -> Vec<f32> {
-    let height = if width == 0 { 0 } else { cells.len() / width };
+    let height = cells.len().checked_div(width).unwrap_or(0);
     let mut squared: Vec<f32> = cells.iter().map(|&c| if c == kind { 0.0 } else { f32::INFINITY }).collect();
     let mut envelope = Envelope::default();
     let (mut line, mut out) = (vec![0.0; height], vec![0.0; height.max(width)]);

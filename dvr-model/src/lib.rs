@@ -26,6 +26,7 @@
 mod decoder;
 mod encoding;
 mod lattice_field;
+pub mod lattice_file;
 mod record;
 
 pub use decoder::{Conditioned, Decoder, DecoderConfig, ResnetBlock};

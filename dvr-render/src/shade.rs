@@ -18,6 +18,12 @@ pub trait Shader: Sync {
     fn shade(&self, rays: &[Ray]) -> Vec<Option<Shaded>>;
 }
 
+impl<S: Shader + ?Sized> Shader for &S {
+    fn shade(&self, rays: &[Ray]) -> Vec<Option<Shaded>> {
+        (**self).shade(rays)
+    }
+}
+
 /// What one ray sees.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Shaded {

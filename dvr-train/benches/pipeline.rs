@@ -14,11 +14,11 @@ use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use dvr_core::dataset::{ReadOptions, read_scene};
 use dvr_core::{Camera, Ray, Scene, UnitCube};
 use dvr_model::{Decoder, DecoderConfig};
-use dvr_render::extract::ExtractSettings;
+use dvr_render::extract::{ExtractSettings, FieldSurface, extract_mesh};
 use dvr_render::{
     Field, MarchSettings, Marcher, Query, Rays, RootMethod, SlopeRule, Surface, TensorMarcher, implicit_depth,
 };
-use dvr_train::{Supervision, TrainConfig, Trainer, ViewSplit, object_mesh};
+use dvr_train::{Supervision, TrainConfig, Trainer, ViewSplit};
 use glam::DVec3;
 
 const RAYS: usize = 1024;
@@ -29,13 +29,13 @@ fn decoder(hidden: usize, device: &Device) -> Decoder {
     let autodiff = device.clone().autodiff();
     let mut decoder = DecoderConfig::new().with_hidden(hidden).init(&autodiff);
     let mut adam = AdamConfig::new().init();
-    for _ in 0..60 {
-        let points = Tensor::<2>::random([1024, 3], Distribution::Uniform(-0.55, 0.55), &autodiff);
+    for _ in 0..200 {
+        let points = Tensor::<2>::random([512, 3], Distribution::Uniform(-0.4, 0.4), &autodiff);
         let distance = points.clone().square().sum_dim(1).sqrt().squeeze_dim::<1>(1);
         let sign = (distance - 0.3).sign();
         let loss = softplus(decoder.occupancy_logit(&Query::new(points)) * sign, 1.0).mean();
         let gradients = GradientsParams::from_grads(loss.backward(), &decoder);
-        decoder = adam.step(2e-3, decoder, gradients);
+        decoder = adam.step(1e-3, decoder, gradients);
     }
     decoder
 }
@@ -143,12 +143,13 @@ fn training_step(c: &mut Criterion) {
 fn extraction(c: &mut Criterion) {
     let device = Device::flex();
     let field = decoder(128, &device).valid();
+    let surface = FieldSurface::new(&field);
     let mut group = c.benchmark_group("extraction, 128 wide");
     group.sample_size(10);
     for resolution in [128, 256] {
         let settings = ExtractSettings { resolution, ..ExtractSettings::default() };
         group.bench_function(format!("{resolution}^3"), |b| {
-            b.iter(|| black_box(object_mesh(&field, &settings, &[]).expect("the ball has a surface")));
+            b.iter(|| black_box(extract_mesh(&surface, &settings, &[]).expect("the ball has a surface")));
         });
     }
     group.finish();

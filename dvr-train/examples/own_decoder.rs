@@ -9,6 +9,7 @@ use burn::tensor::activation::{sigmoid, softplus};
 use burn::tensor::{Device, Distribution, Tensor};
 use dvr_core::dataset::{ReadOptions, read_scene};
 use dvr_core::mesh::write_mesh;
+use dvr_render::extract::FieldSurface;
 use dvr_render::{Field, FieldValues, Query};
 use dvr_train::{
     HullUse, MeshOptions, Supervision, TrainConfig, Trainer, ViewSplit, carve_hull, hull_bound, object_mesh,
@@ -73,7 +74,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             println!("step {}: loss {:.4}, silhouette IoU {:.3}", report.step, report.loss, report.mask_iou);
         }
     }
-    let mesh = object_mesh(&trainer.frozen(), &MeshOptions::default(), &[], &trainer.views().train)?.mesh;
+    let field = trainer.frozen();
+    let surface = FieldSurface::new(&field);
+    let mesh = object_mesh(&surface, &MeshOptions::default(), &[], &trainer.views().train)?.mesh;
     write_mesh("own_decoder.ply", &world_mesh(&mesh, &scene.object_to_world))?;
     println!("wrote own_decoder.ply ({} faces)", mesh.faces.len());
     Ok(())

@@ -1,26 +1,23 @@
 //! Checkpoints: everything a run needs to go on as if it had not been interrupted, in one file.
 //!
 //! The container is safetensors: a JSON header with the format's version and the full configuration, and two byte
-//! tensors, `model` and `optimizer`, that hold burn's own records (which keep parameter identities, so that the
-//! optimiser's moments find their parameters again).
+//! tensors, `model` and `training`. For a network they hold burn's own records (which keep parameter identities, so
+//! that the optimiser's moments find their parameters again); for a lattice field the compact field that
+//! `dvr_model::lattice_file` writes, and what training needs besides.
 
 use std::collections::HashMap;
 use std::path::Path;
 
-use burn::module::Module;
-use burn::optim::ModuleOptimizer;
-use burn::store::ModuleRecord;
-use burn::tensor::Bytes;
 use dvr_core::Similarity;
 use safetensors::tensor::{Dtype, TensorView};
 use safetensors::{SafeTensors, serialize};
 use serde::{Deserialize, Serialize};
 
-use crate::config::TrainConfig;
 use crate::error::{Error, Result};
+use crate::method::Method;
 
 /// Version of the checkpoints that this program writes.
-pub const CHECKPOINT_VERSION: u32 = 1;
+pub const CHECKPOINT_VERSION: u32 = 2;
 
 /// Key of the JSON header among the container's metadata.
 const HEADER_KEY: &str = "dvr-checkpoint";
@@ -30,8 +27,8 @@ const HEADER_KEY: &str = "dvr-checkpoint";
 pub struct CheckpointHeader {
     /// Format version.
     pub version: u32,
-    /// The full configuration of the run.
-    pub config: TrainConfig,
+    /// The method and the full configuration of the run.
+    pub method: Method,
     /// Optimiser steps done.
     pub step: usize,
     /// Wall seconds of training so far, over all sessions.
@@ -57,27 +54,25 @@ pub struct Best {
     pub psnr: f64,
 }
 
+/// What a learner has learned, and what it needs to go on learning.
+#[derive(Clone, Debug)]
+pub struct LearnerState {
+    /// Enough to render and extract.
+    pub model: Vec<u8>,
+    /// Optimiser and schedule; empty where the model is final.
+    pub training: Vec<u8>,
+}
+
 /// A checkpoint in memory.
 #[derive(Clone, Debug)]
 pub struct Checkpoint {
     /// What it says about itself.
     pub header: CheckpointHeader,
-    model: Vec<u8>,
-    optimizer: Vec<u8>,
+    /// The state.
+    pub state: LearnerState,
 }
 
 impl Checkpoint {
-    /// Takes the state of a run.
-    ///
-    /// # Errors
-    /// Only where a tensor cannot be read back from its device.
-    pub fn new<M: Module>(header: CheckpointHeader, model: M, optimizer: &ModuleOptimizer) -> Result<Self> {
-        let broken = |e: burn::store::RecordError| Error::Config(format!("the model cannot be stored: {e}"));
-        let model = model.into_record().into_bytes().map_err(broken)?.to_vec();
-        let optimizer = optimizer.into_bytes().map_err(broken)?.to_vec();
-        Ok(Self { header, model, optimizer })
-    }
-
     /// Writes the checkpoint under a temporary name and renames it.
     ///
     /// # Errors
@@ -91,9 +86,16 @@ impl Checkpoint {
         let view = |bytes| TensorView::new(Dtype::U8, vec![<[u8]>::len(bytes)], bytes).map_err(|e| fail(e.to_string()));
         let header = serde_json::to_string(&self.header).map_err(|e| fail(e.to_string()))?;
         let metadata = HashMap::from([(HEADER_KEY.to_owned(), header)]);
-        let tensors = [("model", view(&self.model)?), ("optimizer", view(&self.optimizer)?)];
+        let tensors = [("model", view(&self.state.model)?), ("training", view(&self.state.training)?)];
         let bytes = serialize(tensors, Some(metadata)).map_err(|e| fail(e.to_string()))?;
         Ok(dvr_core::files::write_bytes_atomically(path, &bytes)?)
+    }
+
+    /// The same without what only training needs: small, and all that rendering, extraction and evaluation ask for.
+    #[must_use]
+    pub fn final_model(mut self) -> Self {
+        self.state.training.clear();
+        self
     }
 
     /// Reads a checkpoint.
@@ -123,27 +125,6 @@ impl Checkpoint {
             let tensor = tensors.tensor(name).map_err(|e| refuse(format!("{name} is missing ({e})")))?;
             Ok(tensor.data().to_vec())
         };
-        Ok(Self { header, model: blob("model")?, optimizer: blob("optimizer")? })
-    }
-
-    /// Puts the stored parameters into `model`.
-    ///
-    /// # Errors
-    /// When their names or shapes are not those of `model`.
-    pub fn restore_model<M: Module>(&self, model: M) -> Result<M> {
-        let record = ModuleRecord::from_bytes(Bytes::from_bytes_vec(self.model.clone()));
-        record
-            .and_then(|record| model.try_load_record(record))
-            .map_err(|e| Error::Config(format!("the checkpoint's parameters do not fit its own configuration: {e}")))
-    }
-
-    /// Puts the stored moments into `optimizer`.
-    ///
-    /// # Errors
-    /// When they cannot be read.
-    pub fn restore_optimizer(&self, optimizer: ModuleOptimizer) -> Result<ModuleOptimizer> {
-        optimizer
-            .from_bytes(Bytes::from_bytes_vec(self.optimizer.clone()))
-            .map_err(|e| Error::Config(format!("the checkpoint's optimiser state cannot be read: {e}")))
+        Ok(Self { header, state: LearnerState { model: blob("model")?, training: blob("training")? } })
     }
 }

@@ -5,6 +5,7 @@ use dvr_render::{RootMethod, SlopeRule};
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
+use crate::method::overridden;
 
 /// Which measurements teach the shape. Masks are used in every case.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -258,10 +259,7 @@ impl TrainConfig {
     /// # Errors
     /// Names the first key that does not exist, or the value that has the wrong type or is out of range.
     pub fn overridden(&self, overrides: &serde_json::Value) -> Result<Self> {
-        let fail = |e: serde_json::Error| Error::Config(e.to_string());
-        let mut value = serde_json::to_value(self).map_err(fail)?;
-        overlay(&mut value, overrides, "")?;
-        let config: Self = serde_json::from_value(value).map_err(fail)?;
+        let config: Self = overridden(self, overrides)?;
         config.check()?;
         Ok(config)
     }
@@ -324,28 +322,6 @@ impl TrainConfig {
         }
         Ok(())
     }
-}
-
-/// Lays the values of `over` on `base`; objects are merged key by key, anything else is replaced.
-fn overlay(base: &mut serde_json::Value, over: &serde_json::Value, path: &str) -> Result<()> {
-    let (Some(fields), Some(over)) = (base.as_object_mut(), over.as_object()) else {
-        *base = over.clone();
-        return Ok(());
-    };
-    // A tagged enum (`slope`) is replaced whole: its fields depend on the tag.
-    if over.contains_key("kind") {
-        *base = serde_json::Value::Object(over.clone());
-        return Ok(());
-    }
-    for (key, value) in over {
-        let path = if path.is_empty() { key.clone() } else { format!("{path}.{key}") };
-        let names = fields.keys().cloned().collect::<Vec<_>>().join(", ");
-        match fields.get_mut(key) {
-            None => return Err(Error::Config(format!("unknown key `{path}`; there are: {names}"))),
-            Some(inner) => overlay(inner, value, &path)?,
-        }
-    }
-    Ok(())
 }
 
 #[cfg(test)]

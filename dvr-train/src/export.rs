@@ -2,8 +2,7 @@
 
 use dvr_core::mesh::Mesh;
 use dvr_core::{Similarity, View};
-use dvr_render::Field;
-use dvr_render::extract::{ExtractSettings, Extraction, FieldSurface, extract_mesh};
+use dvr_render::extract::{ExtractSettings, Extraction, ScalarField, extract_mesh};
 use glam::Vec3;
 
 use crate::bake::bake_colors;
@@ -29,12 +28,17 @@ pub struct MeshOptions {
 }
 
 /// Extracts the mesh of a field, in object space, with vertex colours; `seeds` are points near the surface, and `views`
-/// the photographs that may colour it. `field` must not track gradients.
+/// the photographs that may colour it.
 ///
 /// # Errors
 /// When the field has no surface in the cube; the message says what to try.
-pub fn object_mesh(field: &impl Field, options: &MeshOptions, seeds: &[Vec3], views: &[&View]) -> Result<Extraction> {
-    let extracted = extract_mesh(&FieldSurface::new(field), &options.extraction, seeds);
+pub fn object_mesh(
+    field: &dyn ScalarField,
+    options: &MeshOptions,
+    seeds: &[Vec3],
+    views: &[&View],
+) -> Result<Extraction> {
+    let extracted = extract_mesh(field, &options.extraction, seeds);
     let mut extracted = extracted.map_err(|e| Error::NoMesh(e.to_string()))?;
     if options.colors == ColorSource::Photos {
         bake_colors(&mut extracted.mesh, views);

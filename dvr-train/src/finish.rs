@@ -2,9 +2,9 @@
 
 use burn::tensor::Device;
 use dvr_core::mesh::{Mesh, write_mesh};
-use dvr_core::{Ray, Scene, Split, UnitCube, View};
+use dvr_core::{Ray, Scene, Split, View};
 use dvr_render::extract::Extraction;
-use dvr_render::{Field, FieldShader, MarchSettings, MeshShader, RenderSettings, Shaded, Shader, SkipGrid};
+use dvr_render::{MeshShader, Shaded, Shader};
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
@@ -12,8 +12,9 @@ use crate::checkpoint::Checkpoint;
 use crate::error::{Error, Result};
 use crate::evaluate::{ShapeEvaluation, evaluate_shape};
 use crate::export::{MeshOptions, object_mesh, world_mesh};
+use crate::model::Model;
 use crate::preview::preview_sheet;
-use crate::run::{Observer, RunFolder, decoder_of};
+use crate::run::{Observer, RunFolder};
 use crate::trainer::ViewSplit;
 use crate::validate::{Agreement, agreement};
 
@@ -28,8 +29,10 @@ pub struct RunMetrics {
     pub seed: u64,
     /// Optimiser steps of the checkpoint that the results were made from.
     pub steps: usize,
-    /// Parameters of the network.
+    /// Numbers that the field consists of.
     pub parameters: usize,
+    /// Bytes that they are stored in.
+    pub bytes: usize,
     /// Wall seconds of training, warm start included, all sessions.
     pub training_seconds: f64,
     /// Vertices and faces of the mesh; `None` where there is no surface.
@@ -44,8 +47,8 @@ pub struct RunMetrics {
     pub warnings: Vec<String>,
 }
 
-/// Cells along an edge of the grid that lets rendering skip empty space.
-pub const SKIP_CELLS: usize = 64;
+/// Samples across the cube where a network is rendered.
+const SAMPLES: usize = 128;
 
 /// Pixels of held-out views that the final figures look at. (`dvr eval` looks at all.)
 const HELD_OUT_PIXELS: usize = 40_000;
@@ -69,14 +72,15 @@ pub fn finish(
     device: &Device,
     observer: &mut dyn Observer,
 ) -> Result<RunMetrics> {
-    let field = decoder_of(checkpoint, device)?;
-    let config = &checkpoint.header.config;
-    let views = ViewSplit::new(scene, config.hold_out_every)?;
+    let method = &checkpoint.header.method;
+    let views = ViewSplit::new(scene, method.hold_out_every())?;
     let mut warnings = scene.warnings.clone();
 
     observer.phase("mesh, preview and figures", 4);
-    let skip = SkipGrid::build(&field, UnitCube::default(), SKIP_CELLS, 8192);
-    let mesh = match object_mesh(&field, options, &surface_points(&field, &views.train, SEED_RAYS), &views.train) {
+    let model = Model::load(checkpoint, device)?;
+    let shader = model.shader(SAMPLES);
+    let seeds = surface_points(model.thorough_shader().as_ref(), &views.train, SEED_RAYS);
+    let mesh = match object_mesh(&model, options, &seeds, &views.train) {
         Ok(extracted) => {
             warnings.extend(extraction_warnings(&extracted));
             let mesh = extracted.mesh;
@@ -91,27 +95,29 @@ pub fn finish(
         }
         Err(other) => return Err(other),
     };
+    if let Model::Lattice(_) = model {
+        checkpoint.clone().final_model().save(&folder.scene_file())?;
+    }
     observer.progress(1, "mesh");
 
-    let march = MarchSettings { steps: 128, ..MarchSettings::default() };
-    let shader = FieldShader::new(&field, RenderSettings { march, ..RenderSettings::default() }, Some(&skip));
     let judges = judging_views(scene, &views);
     let shown: Vec<&View> = spread(if judges.is_empty() { &views.train } else { &judges }, PREVIEW.0);
-    let sheet = preview_sheet(&shader, &shown, PREVIEW.1);
+    let sheet = preview_sheet(shader.as_ref(), &shown, PREVIEW.1);
     dvr_core::files::write_rgb_png(&folder.preview(), &sheet)?;
     observer.progress(2, "preview");
 
-    let held_out = agreement(&shader, &judges, HELD_OUT_PIXELS);
+    let held_out = agreement(shader.as_ref(), &judges, HELD_OUT_PIXELS);
     let held_out_mesh = mesh.as_ref().and_then(|mesh| agreement(&MeshShader::new(mesh), &judges, HELD_OUT_PIXELS));
     observer.progress(3, "held-out views");
     let empty = Mesh::default();
-    let shape = evaluate_shape(mesh.as_ref().unwrap_or(&empty), &scene.ground_truth, config.seed)?;
+    let shape = evaluate_shape(mesh.as_ref().unwrap_or(&empty), &scene.ground_truth, method.seed())?;
     let metrics = RunMetrics {
         scene: scene.name.clone(),
-        supervision: config.supervision.to_string(),
-        seed: config.seed,
+        supervision: method.supervision().to_string(),
+        seed: method.seed(),
         steps: checkpoint.header.step,
-        parameters: burn::module::Module::num_params(&field),
+        parameters: model.parameters(),
+        bytes: checkpoint.state.model.len(),
         training_seconds: checkpoint.header.seconds,
         mesh: mesh.map(|mesh| [mesh.vertices.len(), mesh.faces.len()]),
         shape,
@@ -144,7 +150,7 @@ pub fn judging_views<'a>(scene: &'a Scene, views: &ViewSplit<'a>) -> Vec<&'a Vie
 }
 
 /// Points on the surface that object pixels of `views` see: seeds for the extraction.
-pub fn surface_points(field: &impl Field, views: &[&View], rays: usize) -> Vec<Vec3> {
+pub fn surface_points(shader: &dyn Shader, views: &[&View], rays: usize) -> Vec<Vec3> {
     let pixels = views.iter().flat_map(|view| {
         let (width, height) = view.mask.size();
         (0..height).flat_map(move |v| (0..width).map(move |u| (*view, u, v)))
@@ -152,8 +158,7 @@ pub fn surface_points(field: &impl Field, views: &[&View], rays: usize) -> Vec<V
     let object: Vec<_> = pixels.filter(|(view, u, v)| view.mask.is_object(*u, *v)).collect();
     let stride = object.len().div_ceil(rays.max(1)).max(1);
     let rays: Vec<Ray> = object.iter().step_by(stride).map(|(view, u, v)| view.camera.pixel_ray(*u, *v)).collect();
-    let march = MarchSettings { steps: 64, ..MarchSettings::default() };
-    let shaded = FieldShader::new(field, RenderSettings { march, ..RenderSettings::default() }, None).shade(&rays);
+    let shaded = shader.shade(&rays);
     let point = |(ray, shaded): (&Ray, Option<Shaded>)| Some(ray.at(shaded?.depth.into()).as_vec3());
     rays.iter().zip(shaded).filter_map(point).collect()
 }

@@ -4,19 +4,20 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use burn::module::Module;
 use burn::tensor::Device;
 use dvr_core::Scene;
 use dvr_model::Decoder;
-use dvr_render::{FieldShader, MarchSettings, RenderSettings};
 
 use crate::checkpoint::{Best, CHECKPOINT_VERSION, Checkpoint, CheckpointHeader};
 use crate::config::TrainConfig;
 use crate::error::{Error, Result};
+use crate::fast::FastTrainer;
+use crate::learner::Learner;
+use crate::method::Method;
 use crate::metrics_log::MetricsLog;
 use crate::sparse::SparseTargets;
 use crate::trainer::{Trainer, ViewSplit};
-use crate::validate::{Agreement, agreement};
+use crate::validate::Agreement;
 use crate::warm_start::{carve_hull, hull_bound, warm_start};
 
 /// Where the parts of a run lie.
@@ -44,6 +45,11 @@ impl RunFolder {
     /// The checkpoint with the best validation.
     pub fn best(&self) -> PathBuf {
         self.root.join("best.ckpt")
+    }
+
+    /// The field alone, compact: for lattice fields.
+    pub fn scene_file(&self) -> PathBuf {
+        self.root.join("scene.dvr")
     }
 
     /// The configuration, for people to read.
@@ -100,6 +106,7 @@ impl RunFolder {
         let files = [
             self.last(),
             self.best(),
+            self.scene_file(),
             self.config(),
             self.metrics_csv(),
             self.metrics_json(),
@@ -178,54 +185,24 @@ const LOG_EVERY: usize = 10;
 /// Pixels that a validation during training looks at: with fewer, its noise would choose the best checkpoint.
 const VALIDATION_PIXELS: usize = 8192;
 
-/// Trains a decoder on a scene from where `resume_from` left it, or from the start.
+/// Reconstructs a scene from where `resume_from` left it, or from the start.
 ///
 /// # Errors
 /// When the scene has too few views, a file cannot be written, or the loss diverges.
 pub fn train(
     scene: &Scene,
-    config: TrainConfig,
+    method: Method,
     resume_from: Option<&Checkpoint>,
     options: &RunOptions,
     observer: &mut dyn Observer,
 ) -> Result<Trained> {
-    config.check()?;
-    let views = ViewSplit::new(scene, config.hold_out_every)?;
-    let held_out: Vec<String> = views.held_out.iter().map(|view| view.name.clone()).collect();
-    let autodiff = options.device.clone().autodiff();
-    options.device.seed(config.seed);
-    let field = config.model.init(&autodiff);
-    let before = resume_from.map_or(0.0, |c| c.header.seconds);
+    method.check()?;
     let start = Instant::now();
-    let elapsed = || before + start.elapsed().as_secs_f64();
-
-    let hull = carve_hull(&views.train, config.hull.resolution)?;
-    if hull.is_empty() {
-        observer.note("the masks have no visual hull in common: training starts from noise (see `dvr info`)");
-    }
-    let field = match resume_from {
-        Some(checkpoint) => checkpoint.restore_model(field)?,
-        None if hull.is_empty() || config.hull.warm_start_steps == 0 => field,
-        None => {
-            observer.phase("fitting the visual hull", config.hull.warm_start_steps);
-            let progress = |done| observer.progress(done, "");
-            warm_start(field, &hull, &config, &options.device, options.interrupted, progress)
-        }
-    };
-    let bound = if config.hull.bound_rays { hull_bound(&hull) } else { None };
-    let sparse = SparseTargets::new(scene, &views.train);
-    let trainer = Trainer::new(field, views, config.clone(), options.device.clone());
-    let mut trainer = trainer.with_bound(bound).with_sparse_targets(sparse);
-    let mut log = MetricsLog::default();
-    let mut best = None;
-    if let Some(checkpoint) = resume_from {
-        trainer.resume(checkpoint)?;
-        log = MetricsLog::resume(&options.folder.metrics_csv(), checkpoint.header.step)?;
-        best = checkpoint.header.best;
-    }
+    let views = ViewSplit::new(scene, method.hold_out_every())?;
+    let held_out: Vec<String> = views.held_out.iter().map(|view| view.name.clone()).collect();
     let header = |step, best, seconds| CheckpointHeader {
         version: CHECKPOINT_VERSION,
-        config: config.clone(),
+        method: method.clone(),
         step,
         seconds,
         best,
@@ -234,65 +211,122 @@ pub fn train(
         object_to_world: scene.object_to_world,
         held_out: held_out.clone(),
     };
+    match &method {
+        Method::Lattice(config) => {
+            observer.phase("measuring the masks", 1);
+            let mut learner = FastTrainer::new(views, config.clone())?;
+            let pace = Pace { validate_every: 100, checkpoint_every: 500, keep_best: false };
+            carry_out(&mut learner, pace, start, &header, resume_from, options, observer)
+        }
+        Method::Network(config) => {
+            let mut learner = network(scene, views, config, resume_from.is_some(), options, observer)?;
+            let TrainConfig { validate_every, checkpoint_every, .. } = *config;
+            let pace = Pace { validate_every, checkpoint_every, keep_best: true };
+            carry_out(&mut learner, pace, start, &header, resume_from, options, observer)
+        }
+    }
+}
 
-    observer.phase("training", config.steps);
+/// A network in training, warmed up by the hull unless its parameters come from a checkpoint.
+fn network<'a>(
+    scene: &'a Scene,
+    views: ViewSplit<'a>,
+    config: &TrainConfig,
+    resumed: bool,
+    options: &RunOptions,
+    observer: &mut dyn Observer,
+) -> Result<Trainer<'a, Decoder>> {
+    options.device.seed(config.seed);
+    let mut field = config.model.init(&options.device.clone().autodiff());
+    let hull = carve_hull(&views.train, config.hull.resolution)?;
+    if hull.is_empty() {
+        observer.note("the masks have no visual hull in common: training starts from noise (see `dvr info`)");
+    }
+    if !resumed && !hull.is_empty() && config.hull.warm_start_steps > 0 {
+        observer.phase("fitting the visual hull", config.hull.warm_start_steps);
+        let progress = |done| observer.progress(done, "");
+        field = warm_start(field, &hull, config, &options.device, options.interrupted, progress);
+    }
+    let bound = if config.hull.bound_rays { hull_bound(&hull) } else { None };
+    let sparse = SparseTargets::new(scene, &views.train);
+    let trainer = Trainer::new(field, views, config.clone(), options.device.clone());
+    Ok(trainer.with_bound(bound).with_sparse_targets(sparse))
+}
+
+/// How often a run looks up.
+#[derive(Clone, Copy)]
+struct Pace {
+    validate_every: usize,
+    checkpoint_every: usize,
+    /// Whether the step with the best validation stands for the run, rather than the last.
+    keep_best: bool,
+}
+
+/// The loop: steps, validations, checkpoints, until all is done or somebody says stop.
+fn carry_out(
+    learner: &mut dyn Learner,
+    pace: Pace,
+    start: Instant,
+    header: &dyn Fn(usize, Option<Best>, f64) -> CheckpointHeader,
+    resume_from: Option<&Checkpoint>,
+    options: &RunOptions,
+    observer: &mut dyn Observer,
+) -> Result<Trained> {
+    let before = resume_from.map_or(0.0, |checkpoint| checkpoint.header.seconds);
+    let elapsed = || before + start.elapsed().as_secs_f64();
+    let mut log = MetricsLog::default();
+    let mut best = None;
+    if let Some(checkpoint) = resume_from {
+        learner.resume(&checkpoint.state, checkpoint.header.step)?;
+        log = MetricsLog::resume(&options.folder.metrics_csv(), checkpoint.header.step)?;
+        best = checkpoint.header.best;
+    }
+    let checkpoint = |learner: &dyn Learner, best| -> Result<Checkpoint> {
+        Ok(Checkpoint { header: header(learner.steps_done(), best, elapsed()), state: learner.state()? })
+    };
+
+    observer.phase("training", learner.total_steps());
     let mut stop = Stop::Done;
     let mut validation = None;
-    while trainer.steps_done() < config.steps {
-        let report = trainer.step()?;
+    while learner.steps_done() < learner.total_steps() {
+        let report = learner.step()?;
         let step = report.step;
-        let last = step == config.steps;
         stop = match () {
             () if options.interrupted.load(Ordering::Relaxed) => Stop::Interrupted,
             () if options.time_limit.is_some_and(|limit| elapsed() >= limit.as_secs_f64()) => Stop::TimeLimit,
             () => Stop::Done,
         };
-        let ending = last || stop != Stop::Done;
-        let validate_now = step % config.validate_every == 0 || (ending && stop != Stop::Interrupted);
+        let ending = step >= learner.total_steps() || stop != Stop::Done;
+        let validate_now = step % pace.validate_every == 0 || (ending && stop != Stop::Interrupted);
         if validate_now {
-            validation = validate(&trainer);
+            validation = learner.validate(VALIDATION_PIXELS);
         }
         if step % LOG_EVERY == 0 || validate_now {
             log.push(&report, elapsed(), validation.as_ref().filter(|_| validate_now));
         }
-        if let Some(found) = validation.filter(|_| validate_now)
+        if let Some(found) = validation.filter(|_| validate_now && pace.keep_best)
             && best.is_none_or(|best: Best| found.psnr > best.psnr)
         {
             best = Some(Best { step, psnr: found.psnr });
-            trainer.checkpoint(header(step, best, elapsed()))?.save(&options.folder.best())?;
+            checkpoint(learner, best)?.save(&options.folder.best())?;
         }
-        if ending || step % config.checkpoint_every == 0 {
-            trainer.checkpoint(header(step, best, elapsed()))?.save(&options.folder.last())?;
+        if ending || step % pace.checkpoint_every == 0 {
+            checkpoint(learner, best)?.save(&options.folder.last())?;
             log.save(&options.folder.metrics_csv())?;
         }
+        learner.notes().iter().for_each(|note| observer.note(note));
         let held = validation.map_or(String::new(), |v| format!("  held-out {:.2} dB, IoU {:.3}", v.psnr, v.mask_iou));
         observer.progress(step, &format!("loss {:.4}  IoU {:.3}{held}", report.loss, report.mask_iou));
         if stop != Stop::Done {
             break;
         }
     }
-    let steps = trainer.steps_done();
-    let checkpoint = if stop == Stop::Interrupted || best.is_none() {
-        trainer.checkpoint(header(steps, best, elapsed()))?
-    } else {
-        options.folder.load()?
-    };
-    Ok(Trained { checkpoint, stop, steps, seconds: elapsed(), validation })
-}
-
-/// Agreement with the held-out views on a fixed subset of their pixels.
-fn validate(trainer: &Trainer<Decoder>) -> Option<Agreement> {
-    let march = MarchSettings { steps: 64, ..MarchSettings::default() };
-    let settings = RenderSettings { march, ..RenderSettings::default() };
-    let field = trainer.frozen();
-    let shader = FieldShader::new(&field, settings, trainer.bound());
-    agreement(&shader, &trainer.views().held_out, VALIDATION_PIXELS)
-}
-
-/// The decoder of a checkpoint, without gradient tracking.
-///
-/// # Errors
-/// When the parameters do not fit the configuration.
-pub fn decoder_of(checkpoint: &Checkpoint, device: &Device) -> Result<Decoder> {
-    checkpoint.restore_model(checkpoint.header.config.model.init(device)).map(|decoder| decoder.valid())
+    let steps = learner.steps_done();
+    let seconds = elapsed();
+    if steps == 0 {
+        checkpoint(learner, best)?.save(&options.folder.last())?;
+    }
+    let checkpoint =
+        if stop == Stop::Interrupted { Checkpoint::load(&options.folder.last())? } else { options.folder.load()? };
+    Ok(Trained { checkpoint, stop, steps, seconds, validation })
 }

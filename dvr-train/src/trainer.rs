@@ -9,7 +9,6 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use crate::batch::{PixelBatch, PixelSampling};
-use crate::checkpoint::{Checkpoint, CheckpointHeader};
 use crate::config::TrainConfig;
 use crate::error::{Error, Result};
 use crate::objective::{StepNoise, sparse_depth_loss, step_loss};
@@ -186,21 +185,13 @@ impl<'a, F: Field + Module> Trainer<'a, F> {
         sparse_depth_loss(&self.field, frozen, &rays, &z_depth, &self.config, self.step)
     }
 
-    /// The state of the run.
-    ///
-    /// # Errors
-    /// Only where a tensor cannot be read back from its device.
-    pub fn checkpoint(&self, header: CheckpointHeader) -> Result<Checkpoint> {
-        Checkpoint::new(header, self.field.clone(), &self.optimizer)
+    /// The field, on its tape, and the optimiser.
+    pub fn parts(&self) -> (&F, &ModuleOptimizer) {
+        (&self.field, &self.optimizer)
     }
 
-    /// Takes up the optimiser and the step of a checkpoint whose model this trainer already has.
-    ///
-    /// # Errors
-    /// When the optimiser's state cannot be read.
-    pub fn resume(&mut self, checkpoint: &Checkpoint) -> Result<()> {
-        self.optimizer = checkpoint.restore_optimizer(adam())?;
-        self.step = checkpoint.header.step;
-        Ok(())
+    /// Takes up a field and an optimiser as they were after so many steps.
+    pub fn restore(&mut self, field: F, optimizer: ModuleOptimizer, steps: usize) {
+        (self.field, self.optimizer, self.step) = (field, optimizer, steps);
     }
 }

@@ -5,11 +5,11 @@ use std::process::ExitCode;
 use anyhow::{Context, Result, bail};
 use dvr_core::dataset::read_scene;
 use dvr_core::mesh::{Mesh, read_mesh};
-use dvr_core::{Scene, UnitCube, View};
-use dvr_render::{FieldShader, MarchSettings, MeshShader, RenderSettings, Shader, SkipGrid};
+use dvr_core::{Scene, View};
+use dvr_render::{MeshShader, Shader};
 use dvr_train::{
-    Error, Observer, SKIP_CELLS, ShapeEvaluation, Supervision, TrainConfig, ViewEvaluation, ViewSplit, decoder_of,
-    evaluate_shape, evaluate_views, judging_views, object_mesh, surface_points,
+    Error, FastConfig, Model, Observer, ShapeEvaluation, Supervision, ViewEvaluation, ViewSplit, evaluate_shape,
+    evaluate_views, judging_views, object_mesh, surface_points,
 };
 use serde::Serialize;
 
@@ -27,7 +27,7 @@ struct Report {
 
 /// Measures and prints.
 pub fn run(args: &EvalArgs) -> Result<ExitCode> {
-    let is_mesh = args.subject.is_file() && args.subject.extension().is_none_or(|e| e != "ckpt");
+    let is_mesh = args.subject.is_file() && args.subject.extension().is_none_or(|e| e != "ckpt" && e != "dvr");
     let report = if is_mesh { of_mesh(args)? } else { of_run(args)? };
     print_shape(&report.shape);
     print_views(&report.views);
@@ -49,7 +49,7 @@ fn of_mesh(args: &EvalArgs) -> Result<Report> {
     let scene = read_scene(data, &args.reading.read_options())?;
     let mesh = read_mesh(&args.subject)?.mesh.transformed(&scene.object_to_world.inverse());
     let shape = evaluate_shape(&mesh, &scene.ground_truth, args.seed)?;
-    let hold_out_every = TrainConfig::new(Supervision::default()).hold_out_every;
+    let hold_out_every = FastConfig::new(Supervision::default()).hold_out_every;
     let judges = judging_views(&scene, &ViewSplit::new(&scene, hold_out_every)?);
     let views = if args.no_views { Vec::new() } else { rendered(&MeshShader::new(&mesh), &judges)? };
     Ok(Report { scene: scene.name, shape, views })
@@ -58,10 +58,10 @@ fn of_mesh(args: &EvalArgs) -> Result<Report> {
 fn of_run(args: &EvalArgs) -> Result<Report> {
     let checkpoint = load_run(&args.subject)?;
     let scene: Scene = scene_of_run(&checkpoint, args.data.as_ref())?;
-    let field = decoder_of(&checkpoint, &args.backend.backend.device())?;
-    let split = ViewSplit::new(&scene, checkpoint.header.config.hold_out_every)?;
-    let seeds = surface_points(&field, &split.train, 2_000);
-    let mesh = match object_mesh(&field, &mesh_options(&args.meshing), &seeds, &[]) {
+    let model = Model::load(&checkpoint, &args.backend.backend.device())?;
+    let split = ViewSplit::new(&scene, checkpoint.header.method.hold_out_every())?;
+    let seeds = surface_points(model.thorough_shader().as_ref(), &split.train, 2_000);
+    let mesh = match object_mesh(&model, &mesh_options(&args.meshing), &seeds, &[]) {
         Ok(extracted) => extracted.mesh,
         Err(Error::NoMesh(reason)) => {
             eprintln!("note: {reason}");
@@ -73,10 +73,7 @@ fn of_run(args: &EvalArgs) -> Result<Report> {
     let mut views = Vec::new();
     if !args.no_views {
         let judges = judging_views(&scene, &split);
-        let skip = SkipGrid::build(&field, UnitCube::default(), SKIP_CELLS, 8192);
-        let march = MarchSettings { steps: args.samples as usize, ..MarchSettings::default() };
-        let settings = RenderSettings { march, ..RenderSettings::default() };
-        views = rendered(&FieldShader::new(&field, settings, Some(&skip)), &judges)?;
+        views = rendered(model.shader(args.samples as usize).as_ref(), &judges)?;
     }
     Ok(Report { scene: scene.name, shape, views })
 }

@@ -2,9 +2,9 @@
 
 use std::process::ExitCode;
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use dvr_model::save_safetensors;
-use dvr_train::decoder_of;
+use dvr_train::{Method, Model};
 
 use super::load_run;
 use crate::args::ExportArgs;
@@ -13,8 +13,11 @@ use crate::backend::Backend;
 /// Writes safetensors with PyTorch names and layout.
 pub fn run(args: &ExportArgs) -> Result<ExitCode> {
     let checkpoint = load_run(&args.run)?;
-    let decoder = decoder_of(&checkpoint, &Backend::Cpu.device())?;
-    save_safetensors(&args.out, &decoder, &checkpoint.header.config.model)?;
+    let model = Model::load(&checkpoint, &Backend::Cpu.device())?;
+    let (Model::Network { decoder, .. }, Method::Network(config)) = (&model, &checkpoint.header.method) else {
+        bail!("{} holds a lattice field, not a network: `dvr train --method network` makes one", args.run.display());
+    };
+    save_safetensors(&args.out, decoder, &config.model)?;
     println!("wrote {}", args.out.display());
     Ok(ExitCode::SUCCESS)
 }

@@ -4,7 +4,7 @@ use std::process::ExitCode;
 
 use anyhow::{Result, bail};
 use dvr_core::mesh::write_mesh;
-use dvr_train::{RunFolder, ViewSplit, decoder_of, extraction_warnings, object_mesh, surface_points, world_mesh};
+use dvr_train::{Model, RunFolder, ViewSplit, extraction_warnings, object_mesh, surface_points, world_mesh};
 
 use super::{load_run, mesh_options, print_notes, scene_of_run};
 use crate::args::MeshArgs;
@@ -15,19 +15,19 @@ const SEED_RAYS: usize = 2_000;
 /// Extracts and writes.
 pub fn run(args: &MeshArgs) -> Result<ExitCode> {
     let checkpoint = load_run(&args.run)?;
-    let field = decoder_of(&checkpoint, &args.backend.backend.device())?;
+    let model = Model::load(&checkpoint, &args.backend.backend.device())?;
     // The scene helps to find thin parts and gives sharp colours; a run can be meshed without it.
     let scene = scene_of_run(&checkpoint, args.data.as_ref());
     let views = match &scene {
-        Ok(scene) => ViewSplit::new(scene, checkpoint.header.config.hold_out_every)?.train,
+        Ok(scene) => ViewSplit::new(scene, checkpoint.header.method.hold_out_every())?.train,
         Err(error) if args.data.is_some() => bail!("{error:#}"),
         Err(_) => {
             eprintln!("note: the run's scene is not where it was (--data says where): colours come from the field");
             Vec::new()
         }
     };
-    let seeds = surface_points(&field, &views, SEED_RAYS);
-    let extracted = object_mesh(&field, &mesh_options(&args.meshing), &seeds, &views)?;
+    let seeds = surface_points(model.thorough_shader().as_ref(), &views, SEED_RAYS);
+    let extracted = object_mesh(&model, &mesh_options(&args.meshing), &seeds, &views)?;
     print_notes(&extraction_warnings(&extracted));
     let mesh = if args.object_space {
         extracted.mesh

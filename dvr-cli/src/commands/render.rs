@@ -5,10 +5,10 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result};
 use dvr_core::files::{write_bytes_atomically, write_depth_exr, write_rgb_exr, write_rgb_png};
-use dvr_core::{Camera, Scene, Similarity, UnitCube};
-use dvr_render::{FieldShader, MarchSettings, RenderSettings, Rendering, SkipGrid, render_view};
+use dvr_core::{Camera, Scene, Similarity};
+use dvr_render::{Rendering, render_view};
 use dvr_train::preview::{normal_picture, to_rgb8};
-use dvr_train::{Observer, SKIP_CELLS, decoder_of};
+use dvr_train::{Model, Observer};
 use glam::{DQuat, DVec3};
 use image::codecs::gif::{GifEncoder, Repeat};
 use image::{Delay, Frame, RgbImage};
@@ -26,7 +26,7 @@ const ORBIT_DISTANCE: f64 = 2.2;
 /// Renders and writes.
 pub fn run(args: &RenderArgs) -> Result<ExitCode> {
     let checkpoint = load_run(&args.run)?;
-    let field = decoder_of(&checkpoint, &args.backend.backend.device())?;
+    let model = Model::load(&checkpoint, &args.backend.backend.device())?;
     let object_to_world = checkpoint.header.object_to_world;
     let needs_scene = args.cameras == Cameras::Dataset || (args.up.is_none() && args.cameras == Cameras::Orbit);
     let scene = if needs_scene { Some(scene_of_run(&checkpoint, args.data.as_ref())) } else { None };
@@ -44,14 +44,12 @@ pub fn run(args: &RenderArgs) -> Result<ExitCode> {
         }
     };
     std::fs::create_dir_all(&args.out).with_context(|| args.out.display().to_string())?;
-    let skip = SkipGrid::build(&field, UnitCube::default(), SKIP_CELLS, 8192);
-    let march = MarchSettings { steps: args.samples as usize, ..MarchSettings::default() };
-    let shader = FieldShader::new(&field, RenderSettings { march, ..RenderSettings::default() }, Some(&skip));
+    let shader = model.shader(args.samples as usize);
     let mut progress = Progress::new();
     progress.phase("rendering", cameras.len());
     let mut frames = Vec::new();
     for (i, (name, camera)) in cameras.iter().enumerate() {
-        let rendering = render_view(&shader, camera);
+        let rendering = render_view(shader.as_ref(), camera);
         let picture = to_rgb8(&rendering.color);
         write_frame(&args.out, name, args, camera, &rendering, &picture, &object_to_world)?;
         frames.push(picture);

@@ -7,11 +7,14 @@ use anyhow::{Context, Result, bail};
 use cpu_time::ProcessTime;
 use dvr_core::dataset::read_scene;
 use dvr_core::{Scene, Split};
-use dvr_train::{Agreement, Checkpoint, RunFolder, RunMetrics, RunOptions, Stop, TrainConfig, finish, train};
+use dvr_train::{
+    Agreement, Capacity, Checkpoint, FastConfig, Method, RunFolder, RunMetrics, RunOptions, Stop, Supervision,
+    TrainConfig, finish, train,
+};
 
 use super::{mesh_options, print_notes, scene_of_run};
 use crate::EXIT_INTERRUPTED;
-use crate::args::{Preset, TrainArgs};
+use crate::args::{CapacityArg, MethodName, TrainArgs};
 use crate::commands::eval::print_shape;
 use crate::progress::Progress;
 
@@ -21,7 +24,7 @@ static INTERRUPTED: AtomicBool = AtomicBool::new(false);
 /// Trains, then writes mesh, preview and figures.
 pub fn run(args: &TrainArgs) -> Result<ExitCode> {
     if args.print_config {
-        println!("{}", serde_json::to_string_pretty(&configuration(args)?)?);
+        println!("{}", configuration(args)?.to_json()?);
         return Ok(ExitCode::SUCCESS);
     }
     let Some(out) = &args.out else { bail!("no output folder was given: add --out DIR") };
@@ -30,7 +33,7 @@ pub fn run(args: &TrainArgs) -> Result<ExitCode> {
     let (scene, config, reading) = match &resumed {
         Some(checkpoint) => {
             let scene = scene_of_run(checkpoint, args.scene.as_ref())?;
-            (scene, checkpoint.header.config.clone(), checkpoint.header.reading.clone())
+            (scene, checkpoint.header.method.clone(), checkpoint.header.reading.clone())
         }
         None => {
             let Some(path) = &args.scene else { bail!("no scene was given") };
@@ -72,51 +75,82 @@ pub fn run(args: &TrainArgs) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// The configuration that the arguments ask for.
-fn configuration(args: &TrainArgs) -> Result<TrainConfig> {
+/// The method and configuration that the arguments ask for.
+fn configuration(args: &TrainArgs) -> Result<Method> {
     let supervision = args.supervision.unwrap_or_default();
-    let mut config = match args.preset {
-        Preset::Default => TrainConfig::new(supervision),
-        Preset::Classic => TrainConfig::classic(supervision),
+    let mut config = match args.method {
+        MethodName::Fast => Method::Lattice(fast_configuration(args, supervision)),
+        MethodName::Hull => Method::Lattice(FastConfig::hull()),
+        MethodName::Network => Method::Network(TrainConfig::new(supervision)),
+        MethodName::Classic => Method::Network(TrainConfig::classic(supervision)),
     };
+    if args.method != MethodName::Fast && (args.capacity.is_some() || args.max_bytes.is_some()) {
+        bail!("--capacity and --max-bytes belong to --method fast");
+    }
     if let Some(path) = &args.config {
         let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
         let json = serde_json::from_str(&text).with_context(|| format!("{} is no JSON", path.display()))?;
         config = config.overridden(&json).with_context(|| path.display().to_string())?;
     }
+    // One after the other they might make no sense, though together they do.
+    let mut overrides = serde_json::json!({});
     for assignment in &args.set {
         let Some((key, value)) = assignment.split_once('=') else {
-            bail!("--set {assignment}: write KEY=VALUE, e.g. --set losses.normal=0.1");
+            bail!("--set {assignment}: write KEY=VALUE, e.g. --set losses.color=0.5");
         };
         // What is no JSON is taken as a string, so that `--set occupancy_point=random` needs no quotes.
         let value = serde_json::from_str(value).unwrap_or_else(|_| serde_json::Value::String(value.to_owned()));
-        let json = key.rsplit('.').fold(value, |inner, part| serde_json::json!({ part: inner }));
-        config = config.overridden(&json).with_context(|| format!("--set {assignment}"))?;
+        let parts: Vec<&str> = key.split('.').collect();
+        let mut place = &mut overrides;
+        for part in parts {
+            if !place.is_object() {
+                *place = serde_json::json!({});
+            }
+            place = &mut place[part];
+        }
+        *place = value;
     }
-    config.steps = args.steps.unwrap_or(config.steps);
-    config.seed = args.seed.unwrap_or(config.seed);
+    let config = config.overridden(&overrides).with_context(|| format!("--set {}", args.set.join(" --set ")))?;
+    let config = config.with(args.seed, args.steps);
     config.check()?;
     Ok(config)
 }
 
+/// The fast method with the capacity that was asked for.
+fn fast_configuration(args: &TrainArgs, supervision: Supervision) -> FastConfig {
+    let mut config = FastConfig::new(supervision);
+    if let Some(CapacityArg::Cells(cells)) = args.capacity {
+        config.capacity = Capacity::Cells(cells);
+        config.first_cells = config.first_cells.min(cells);
+    }
+    if let Some(bytes) = args.max_bytes {
+        // Grow from small, so that the largest field that fits is found.
+        (config.max_bytes, config.first_cells) = (bytes, 2 * config.coarsest_cells * config.color_coarseness);
+    }
+    config
+}
+
 /// Refuses depth supervision where nothing was measured.
-fn check_supervision(scene: &Scene, config: &TrainConfig) -> Result<()> {
+fn check_supervision(scene: &Scene, method: &Method) -> Result<()> {
     let has_depth = scene.views_of(Split::Train).any(|view| view.depth.is_some());
-    if config.losses.depth > 0.0 && !has_depth {
+    if method.depth_weight() > 0.0 && !has_depth {
         bail!(
             "supervision {} needs depth maps, and scene {:?} has none. Use --supervision rgb",
-            config.supervision,
+            method.supervision(),
             scene.name
         );
     }
-    if config.losses.sparse_depth > 0.0 && scene.sparse_points.is_none() {
+    if let Method::Network(config) = method
+        && config.losses.sparse_depth > 0.0
+        && scene.sparse_points.is_none()
+    {
         bail!("losses.sparse_depth needs sparse points, and scene {:?} has none. Set it to 0", scene.name);
     }
     Ok(())
 }
 
 /// Makes the run's folder and writes the configuration into it.
-fn prepare(folder: &RunFolder, args: &TrainArgs, config: &TrainConfig) -> Result<()> {
+fn prepare(folder: &RunFolder, args: &TrainArgs, method: &Method) -> Result<()> {
     if args.resume {
         return Ok(());
     }
@@ -124,12 +158,12 @@ fn prepare(folder: &RunFolder, args: &TrainArgs, config: &TrainConfig) -> Result
         folder.clear()?;
     }
     folder.create()?;
-    let json = serde_json::to_string_pretty(config)?;
+    let json = method.to_json()?;
     Ok(dvr_core::files::write_bytes_atomically(&folder.config(), json.as_bytes())?)
 }
 
 /// What is about to happen, in three lines.
-fn describe(scene: &Scene, config: &TrainConfig) {
+fn describe(scene: &Scene, method: &Method) {
     let count = |split| scene.views_of(split).count();
     let size = scene.views.first().map_or((0, 0), |view| view.image.dimensions());
     eprintln!(
@@ -141,7 +175,7 @@ fn describe(scene: &Scene, config: &TrainConfig) {
         size.1,
         count(Split::Val),
         count(Split::Test),
-        config.supervision,
+        method.supervision(),
     );
     print_notes(&scene.warnings);
 }
@@ -170,7 +204,7 @@ fn report(metrics: &RunMetrics, folder: &RunFolder, seconds: f64, cpu_seconds: f
     if let Some([vertices, faces]) = metrics.mesh {
         println!("mesh: {vertices} vertices, {faces} faces");
     }
-    let files = [folder.mesh_ply(), folder.mesh_glb(), folder.preview(), folder.metrics_json()];
+    let files = [folder.mesh_ply(), folder.mesh_glb(), folder.scene_file(), folder.preview(), folder.metrics_json()];
     for path in files.iter().filter(|path| path.exists()) {
         println!("wrote {}", path.display());
     }

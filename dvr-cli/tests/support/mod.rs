@@ -48,7 +48,9 @@ impl Tiny {
 }
 
 /// Settings of a network for tests.
-pub const SMALL: [&str; 12] = [
+pub const SMALL: [&str; 14] = [
+    "--method",
+    "network",
     "--set",
     "model.hidden=32",
     "--set",

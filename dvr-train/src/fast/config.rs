@@ -5,6 +5,9 @@ use serde::{Deserialize, Serialize};
 use crate::config::Supervision;
 use crate::error::{Error, Result};
 
+/// Most cells along an edge: two gigabytes of nodes.
+const MAX_CELLS: usize = 512;
+
 /// Everything that determines a fast run besides the scene. Lengths are in units of the object cube.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -13,10 +16,14 @@ pub struct FastConfig {
     pub supervision: Supervision,
     /// Seed of all random choices.
     pub seed: u64,
-    /// Cells along an edge of the shape lattice, stage after stage; each twice the one before.
-    pub cells: Vec<usize>,
+    /// How fine the field may become.
+    pub capacity: Capacity,
+    /// Cells along an edge of the shape lattice in the first stage; each stage has twice those of the one before.
+    pub first_cells: usize,
+    /// The compact field may not take more bytes than this; 0 for no limit.
+    pub max_bytes: usize,
     /// Steps of each stage.
-    pub steps: Vec<usize>,
+    pub steps: usize,
     /// Rays a step.
     pub rays: usize,
     /// Weights of the losses.
@@ -43,6 +50,22 @@ pub struct FastConfig {
     pub disagreeing_views: DisagreeingViews,
     /// One view in so many is held out, where the dataset does not say.
     pub hold_out_every: usize,
+}
+
+/// How fine the field may become.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Capacity {
+    /// Twice the cells again while that makes held-out views better by at least `min_gain_db`, and cells are larger than
+    /// half the footprint of a pixel; at most `max_cells`.
+    Auto {
+        /// Most cells along an edge.
+        max_cells: usize,
+        /// Gain in PSNR on held-out views below which growth is taken back, dB.
+        min_gain_db: f64,
+    },
+    /// So many cells along an edge, whatever it brings.
+    Cells(usize),
 }
 
 /// How many masks need not be believed.
@@ -119,8 +142,10 @@ impl FastConfig {
         Self {
             supervision,
             seed: 0,
-            cells: vec![64],
-            steps: vec![300],
+            capacity: Capacity::Auto { max_cells: 128, min_gain_db: 0.1 },
+            first_cells: 64,
+            max_bytes: 0,
+            steps: 300,
             rays: 2048,
             losses,
             shape_rate: 6e-3,
@@ -137,6 +162,19 @@ impl FastConfig {
         }
     }
 
+    /// Most cells along an edge that the capacity allows.
+    pub fn last_cells(&self) -> usize {
+        match self.capacity {
+            Capacity::Auto { max_cells, .. } => max_cells,
+            Capacity::Cells(cells) => cells,
+        }
+    }
+
+    /// The visual hull and nothing else: what masks and cameras alone tell. The baseline of every comparison.
+    pub fn hull() -> Self {
+        Self { steps: 0, capacity: Capacity::Cells(128), first_cells: 128, ..Self::new(Supervision::Rgb) }
+    }
+
     /// Checks that the values make sense together.
     ///
     /// # Errors
@@ -145,30 +183,23 @@ impl FastConfig {
         let fail = |key: &str, value: String, range: &str| {
             Err(Error::Config(format!("`{key}` is {value}, it must be {range}")))
         };
-        let doubling = self.cells.windows(2).all(|pair| pair[1] == 2 * pair[0]);
-        let halves_to_coarsest = |cells: usize| {
-            let factor = cells / self.coarsest_cells.max(1);
-            factor * self.coarsest_cells == cells && factor.is_power_of_two()
+        let is_doubled = |cells: usize, first: usize| {
+            first > 0 && cells >= first && cells % first == 0 && (cells / first).is_power_of_two() && cells <= MAX_CELLS
         };
-        if self.cells.is_empty()
-            || !doubling
-            || !self.cells.iter().all(|&cells| halves_to_coarsest(cells) && cells <= 512)
+        if self.coarsest_cells == 0 || !is_doubled(self.first_cells, self.coarsest_cells) {
+            let range = format!("coarsest_cells ({}) times a power of two, at most {MAX_CELLS}", self.coarsest_cells);
+            return fail("first_cells", self.first_cells.to_string(), &range);
+        }
+        let last = self.last_cells();
+        if !is_doubled(last.max(self.first_cells), self.first_cells) {
+            let range = format!("first_cells ({}) times a power of two, at most {MAX_CELLS}", self.first_cells);
+            return fail("capacity", last.to_string(), &range);
+        }
+        if !self.color_coarseness.is_power_of_two()
+            || 2 * self.color_coarseness * self.coarsest_cells > self.first_cells
         {
-            return fail(
-                "cells",
-                format!("{:?}", self.cells),
-                "a list, each twice the one before, coarsest_cells times a power of two, at most 512",
-            );
-        }
-        if self.steps.len() != self.cells.len() {
-            return fail("steps", format!("{:?}", self.steps), "as long as `cells`");
-        }
-        if !self.color_coarseness.is_power_of_two() || self.color_coarseness > self.cells[0] / self.coarsest_cells {
-            return fail(
-                "color_coarseness",
-                self.color_coarseness.to_string(),
-                "a power of two, at most cells / coarsest_cells",
-            );
+            let range = "a power of two that leaves two levels of colour between coarsest_cells and first_cells";
+            return fail("color_coarseness", self.color_coarseness.to_string(), range);
         }
         if self.rays == 0 {
             return fail("rays", "0".into(), "at least 1");

@@ -106,6 +106,38 @@ impl<const C: usize> Levels<C> {
         self.bake();
     }
 
+    /// Steps done, and parameters and moments at the active nodes, in one row.
+    pub fn state(&self) -> Vec<f32> {
+        let mut state = vec![self.steps as f32];
+        for level in &self.levels {
+            for values in [&level.parameters, &level.moments.first, &level.moments.second] {
+                state.extend(level.active.iter().flat_map(|node| &values[C * node..C * (node + 1)]));
+            }
+        }
+        state
+    }
+
+    /// Takes up what [`Levels::state`] gave for levels with the same nodes; `false` where it does not fit.
+    pub fn restore(&mut self, state: &[f32]) -> bool {
+        if state.len() != 1 + 3 * self.parameters() {
+            return false;
+        }
+        self.steps = state[0] as i32;
+        let mut rest = &state[1..];
+        for level in &mut self.levels {
+            let Level { active, parameters, moments, .. } = level;
+            for values in [parameters, &mut moments.first, &mut moments.second] {
+                for node in active.iter() {
+                    let (own, others) = rest.split_at(C);
+                    values[C * node..C * (node + 1)].copy_from_slice(own);
+                    rest = others;
+                }
+            }
+        }
+        self.bake();
+        true
+    }
+
     fn finest(&self) -> &Level {
         &self.levels[self.levels.len() - 1]
     }
@@ -169,9 +201,8 @@ mod tests {
     #[test]
     fn refining_keeps_the_function() {
         let (coarse, fine) = (Lattice::new(9, 0.5), Lattice::new(17, 0.5));
-        let near = |lattice: &Lattice, radius: f32| {
-            ActiveNodes::new(lattice, |node| lattice.position(node).length() < radius)
-        };
+        let near =
+            |lattice: &Lattice, radius: f32| ActiveNodes::new(lattice, |node| lattice.position(node).length() < radius);
         let mut levels = Levels::<1>::new(near(&coarse, 0.4), vec![0.0; coarse.len()], 1);
         for node in 0..coarse.len() {
             levels.gradient_mut().0[node] = ((node * 7919) % 13) as f32 - 6.0;

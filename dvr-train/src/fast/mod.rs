@@ -1,12 +1,14 @@
 //! The fast method: a field on lattices, rays that meet it exactly, and gradients by hand.
 
 mod config;
+mod growth;
 mod levels;
 mod rays;
 mod scatter;
 mod start;
+mod state;
 mod trainer;
 mod views;
 
-pub use config::{DisagreeingViews, FastConfig, FastLosses};
+pub use config::{Capacity, DisagreeingViews, FastConfig, FastLosses};
 pub use trainer::FastTrainer;

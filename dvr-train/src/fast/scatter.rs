@@ -13,21 +13,27 @@ const LAYERS: usize = 4;
 ///
 /// Each task owns some layers and reads all lessons, so sums have one order whatever the threads do.
 pub(super) fn gather_shape(lessons: &[Lesson], active: &ActiveNodes, is_active: &[bool], gradient: &mut [f32]) {
-    gather::<1>(lessons, active, is_active, gradient, |lesson| {
-        let mut weights = lesson.shape_cell.weights().map(|weight| [weight * lesson.by_value]);
-        if lesson.by_gradient != Vec3::ZERO {
-            let slopes = lesson.shape_cell.gradient_weights(lesson.by_gradient);
-            weights.iter_mut().zip(slopes).for_each(|(weight, slope)| weight[0] += slope);
-        }
-        (lesson.shape_cell, weights)
-    });
+    gather::<1>(
+        lessons,
+        active,
+        is_active,
+        gradient,
+        |lesson| lesson.shape_cell,
+        |lesson| {
+            let mut weights = lesson.shape_cell.weights().map(|weight| [weight * lesson.by_value]);
+            if lesson.by_gradient != Vec3::ZERO {
+                let slopes = lesson.shape_cell.gradient_weights(lesson.by_gradient);
+                weights.iter_mut().zip(slopes).for_each(|(weight, slope)| weight[0] += slope);
+            }
+            weights
+        },
+    );
 }
 
 /// The same for the colour.
 pub(super) fn gather_color(lessons: &[Lesson], active: &ActiveNodes, is_active: &[bool], gradient: &mut [f32]) {
-    gather::<3>(lessons, active, is_active, gradient, |lesson| {
-        (lesson.color_cell, lesson.color_cell.weights().map(|weight| (weight * lesson.by_color).to_array()))
-    });
+    let corners = |lesson: &Lesson| lesson.color_cell.weights().map(|weight| (weight * lesson.by_color).to_array());
+    gather::<3>(lessons, active, is_active, gradient, |lesson| lesson.color_cell, corners);
 }
 
 fn gather<const C: usize>(
@@ -35,27 +41,28 @@ fn gather<const C: usize>(
     active: &ActiveNodes,
     is_active: &[bool],
     gradient: &mut [f32],
-    corners: impl Fn(&Lesson) -> (Cell, [[f32; C]; 8]) + Sync,
+    cell: impl Fn(&Lesson) -> Cell + Sync,
+    corners: impl Fn(&Lesson) -> [[f32; C]; 8] + Sync,
 ) {
     let lattice: &Lattice = active.lattice();
     let plane = lattice.nodes() * lattice.nodes();
     let offsets = lattice.corner_offsets();
     gradient.par_chunks_mut(LAYERS * plane * C).enumerate().for_each(|(task, gradient)| {
-        let first = task * LAYERS;
-        let nodes = first * plane..first * plane + gradient.len() / C;
-        for z in first..(first + LAYERS).min(lattice.nodes()) {
+        let layer = task * LAYERS;
+        let nodes = layer * plane..layer * plane + gradient.len() / C;
+        for z in layer..(layer + LAYERS).min(lattice.nodes()) {
             for &(start, length) in active.layer(z) {
                 let start = (start as usize - nodes.start) * C;
                 gradient[start..start + length as usize * C].fill(0.0);
             }
         }
         for lesson in lessons {
-            let (cell, values) = corners(lesson);
-            if cell.node + plane < nodes.start.saturating_sub(plane) || cell.node >= nodes.end {
+            let first = cell(lesson).node;
+            if first + offsets[7] < nodes.start || first >= nodes.end {
                 continue;
             }
-            for (offset, value) in offsets.iter().zip(values) {
-                let node = cell.node + offset;
+            for (offset, value) in offsets.iter().zip(corners(lesson)) {
+                let node = first + offset;
                 if nodes.contains(&node) && is_active[node] {
                     let at = (node - nodes.start) * C;
                     (0..C).for_each(|c| gradient[at + c] += value[c]);

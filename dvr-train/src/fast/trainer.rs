@@ -2,20 +2,28 @@
 
 use dvr_core::hull::MaskDistance;
 use dvr_kernels::{ActiveNodes, Lattice, SignMap};
-use dvr_model::{LatticeField, LatticeValues};
+use dvr_model::{LatticeField, LatticeValues, lattice_file};
 use rayon::prelude::*;
 
 use super::config::FastConfig;
+use super::growth::{Growth, Reached, Verdict};
 use super::levels::Levels;
 use super::rays::{Lesson, Scene, Tally, mean_object_color};
 use super::scatter::{gather_color, gather_shape};
 use super::start::hull_start;
+use super::state;
 use super::views::{FastView, PixelOrder, mix};
+use crate::checkpoint::LearnerState;
 use crate::error::{Error, Result};
+use crate::learner::Learner;
 use crate::trainer::{StepReport, ViewSplit};
+use crate::validate::{Agreement, agreement};
 
 /// Half the edge of the cube that lattices cover: that of the padded unit cube.
 const HALF_EXTENT: f32 = 0.55;
+
+/// Pixels of held-out views that decide about growth.
+const JUDGING_PIXELS: usize = 30_000;
 
 /// Rays that a task follows.
 const CHUNK: usize = 64;
@@ -36,6 +44,9 @@ pub struct FastTrainer<'a> {
     stage: usize,
     step: usize,
     rays_drawn: u64,
+    growth: Growth,
+    finished: bool,
+    notes: Vec<String>,
 }
 
 impl<'a> FastTrainer<'a> {
@@ -48,11 +59,11 @@ impl<'a> FastTrainer<'a> {
         let masks: Vec<MaskDistance> =
             views.train.par_iter().map(|view| MaskDistance::new(&view.camera, &view.mask)).collect();
         let packed = FastView::pack(&views.train, config.neighbours);
-        let lattice = Lattice::new(config.cells[0] + 1, HALF_EXTENT);
-        let (shape, shape_active) = shape_start(&masks, &lattice, &config);
+        let lattice = Lattice::new(config.first_cells + 1, HALF_EXTENT);
+        let shape = shape_start(&masks, &lattice, &config);
         let map = SignMap::new(&lattice, shape.baked());
         let mean_color = mean_object_color(&views.train).to_array();
-        let (color, color_active) = color_start(&shape, mean_color, &config);
+        let color = color_start(&shape, mean_color, &config);
         // Pixels whose rays come as close to the object as the band around the hull.
         let margin = |view: usize| {
             let camera = &views.train[view].camera;
@@ -63,22 +74,57 @@ impl<'a> FastTrainer<'a> {
         if order.len() == 0 {
             return Err(Error::Config("no mask shows any object: there is nothing to train on".into()));
         }
+        let growth = Growth::plan(&config, &views);
         Ok(Self {
             config,
             views,
             packed,
             masks,
             order,
+            shape_active: membership(shape.active()),
             shape,
-            shape_active,
             map,
+            color_active: membership(color.active()),
             color,
-            color_active,
             mean_color,
             stage: 0,
             step: 0,
             rays_drawn: 0,
+            growth,
+            finished: false,
+            notes: Vec::new(),
         })
+    }
+
+    /// Ends a stage: keeps what it brought or takes it back, and grows or ends.
+    fn end_stage(&mut self) -> Result<()> {
+        let reached = Reached {
+            cells: self.shape.lattice().cells(),
+            parameters: self.parameters(),
+            bytes: self.model_bytes()?.len(),
+            held_out: agreement(&self.field(), &self.views.held_out, JUDGING_PIXELS),
+        };
+        match self.growth.judge(&self.config, reached) {
+            Verdict::Grow => {
+                self.growth.keep(self.shape.clone(), self.color.clone());
+                self.refine();
+            }
+            Verdict::Stay => self.finished = true,
+            Verdict::TakeBack => {
+                if let Some((shape, color)) = self.growth.take_back() {
+                    (self.shape, self.color) = (shape, color);
+                    self.settle();
+                }
+                self.finished = true;
+            }
+        }
+        self.notes.extend(self.growth.notes());
+        Ok(())
+    }
+
+    /// The field as a checkpoint stores it.
+    fn model_bytes(&self) -> Result<Vec<u8>> {
+        lattice_file::to_bytes(&self.field()).map_err(|e| Error::Config(format!("the field cannot be stored: {e}")))
     }
 
     /// The configuration.
@@ -89,16 +135,6 @@ impl<'a> FastTrainer<'a> {
     /// The views, divided.
     pub fn views(&self) -> &ViewSplit<'a> {
         &self.views
-    }
-
-    /// Steps done so far.
-    pub fn steps_done(&self) -> usize {
-        self.step
-    }
-
-    /// Steps of all stages.
-    pub fn total_steps(&self) -> usize {
-        self.config.steps.iter().sum()
     }
 
     /// Parameters of all levels of shape and colour.
@@ -114,12 +150,8 @@ impl<'a> FastTrainer<'a> {
         )
     }
 
-    /// One step: rays to lessons, lessons to gradients, gradients to parameters. Refines first where a stage ends.
-    pub fn step(&mut self) -> StepReport {
-        let ends: usize = self.config.steps[..=self.stage].iter().sum();
-        if self.step >= ends && self.stage + 1 < self.config.cells.len() {
-            self.refine();
-        }
+    /// One step: rays to lessons, lessons to gradients, gradients to parameters.
+    fn follow_rays(&mut self) -> StepReport {
         let (lessons, tally) = self.lessons();
         let (gradient, active) = self.shape.gradient_mut();
         gather_shape(&lessons, active, &self.shape_active, gradient);
@@ -136,9 +168,10 @@ impl<'a> FastTrainer<'a> {
         self.report(&tally, config.shape_rate * decay)
     }
 
-    /// Factor of the step sizes: falls exponentially to `final_rate`.
+    /// Factor of the step sizes: falls exponentially to `final_rate` in each stage.
     fn decay(&self) -> f64 {
-        self.config.final_rate.powf(self.step as f64 / self.total_steps().max(1) as f64)
+        let within = self.step - self.stage * self.config.steps;
+        self.config.final_rate.powf(within as f64 / self.config.steps.max(1) as f64)
     }
 
     /// Follows the rays of one step.
@@ -178,17 +211,21 @@ impl<'a> FastTrainer<'a> {
     /// The next stage: twice the cells.
     fn refine(&mut self) {
         self.stage += 1;
-        let lattice = Lattice::new(self.config.cells[self.stage] + 1, HALF_EXTENT);
+        let cells = 2 * self.shape.lattice().cells();
+        let lattice = Lattice::new(cells + 1, HALF_EXTENT);
         let disagreeing = self.config.disagreeing_views.of(self.masks.len());
         let (base, active) = hull_start(&self.masks, &lattice, disagreeing);
-        self.shape_active = membership(&active);
         self.shape = self.shape.refined(active, base);
-        self.map = SignMap::new(&lattice, self.shape.baked());
-        let color_lattice = Lattice::new(self.config.cells[self.stage] / self.config.color_coarseness + 1, HALF_EXTENT);
-        let active = coarsened(self.shape.active(), self.config.color_coarseness);
-        let base = self.mean_color.repeat(color_lattice.len());
-        self.color_active = membership(&active);
-        self.color = self.color.refined(active, base);
+        let base = self.mean_color.repeat((cells / self.config.color_coarseness + 1).pow(3));
+        self.color = self.color.refined(coarsened(self.shape.active(), self.config.color_coarseness), base);
+        self.settle();
+    }
+
+    /// Brings everything up to date that follows from the levels.
+    fn settle(&mut self) {
+        self.shape_active = membership(self.shape.active());
+        self.color_active = membership(self.color.active());
+        self.map = SignMap::new(self.shape.lattice(), self.shape.baked());
     }
 
     fn report(&self, tally: &Tally, learning_rate: f64) -> StepReport {
@@ -211,6 +248,70 @@ impl<'a> FastTrainer<'a> {
     }
 }
 
+impl Learner for FastTrainer<'_> {
+    fn step(&mut self) -> Result<StepReport> {
+        // In the pool as a whole: entering it costs more than many of the loops inside.
+        let report = rayon::scope(|_| self.follow_rays());
+        if !report.loss.is_finite() {
+            return Err(Error::Diverged { step: report.step, value: report.loss });
+        }
+        if self.step == (self.stage + 1) * self.config.steps {
+            self.end_stage()?;
+        }
+        Ok(report)
+    }
+
+    fn steps_done(&self) -> usize {
+        self.step
+    }
+
+    fn total_steps(&self) -> usize {
+        if self.finished { self.step } else { self.config.steps * self.growth.stages() }
+    }
+
+    fn validate(&self, pixels: usize) -> Option<Agreement> {
+        agreement(&self.field(), &self.views.held_out, pixels)
+    }
+
+    fn state(&self) -> Result<LearnerState> {
+        let (reached, kept) = self.growth.history();
+        let progress = state::Progress {
+            stage: self.stage,
+            cells: self.shape.lattice().cells(),
+            reached: reached.to_vec(),
+            has_kept: kept.is_some(),
+            finished: self.finished,
+            rays_drawn: self.rays_drawn,
+        };
+        let kept = kept.map(|(shape, color)| (shape, color));
+        let training = state::to_bytes(&progress, (&self.shape, &self.color), kept)?;
+        Ok(LearnerState { model: self.model_bytes()?, training })
+    }
+
+    fn resume(&mut self, state: &LearnerState, steps: usize) -> Result<()> {
+        let progress = state::progress(&state.training)?;
+        let mut kept = None;
+        // A stage that was taken back left its number, not its cells.
+        while self.shape.lattice().cells() < progress.cells {
+            kept = Some((self.shape.clone(), self.color.clone()));
+            self.refine();
+        }
+        state::restore(&state.training, state::PRESENT, &mut self.shape, &mut self.color)?;
+        if let Some((shape, color)) = kept.as_mut().filter(|_| progress.has_kept) {
+            state::restore(&state.training, state::KEPT, shape, color)?;
+        }
+        self.stage = progress.stage;
+        self.growth.resume(progress.reached, kept.filter(|_| progress.has_kept));
+        (self.finished, self.rays_drawn, self.step) = (progress.finished, progress.rays_drawn, steps);
+        self.settle();
+        Ok(())
+    }
+
+    fn notes(&mut self) -> Vec<String> {
+        std::mem::take(&mut self.notes)
+    }
+}
+
 /// Whether each node of the lattice is in the set.
 fn membership(active: &ActiveNodes) -> Vec<bool> {
     let mut member = vec![false; active.lattice().len()];
@@ -223,18 +324,16 @@ fn coarsened(active: &ActiveNodes, factor: usize) -> ActiveNodes {
     (0..factor.ilog2()).fold(active.clone(), |active, _| active.coarser())
 }
 
-fn shape_start(masks: &[MaskDistance], lattice: &Lattice, config: &FastConfig) -> (Levels<1>, Vec<bool>) {
+fn shape_start(masks: &[MaskDistance], lattice: &Lattice, config: &FastConfig) -> Levels<1> {
     let (base, active) = hull_start(masks, lattice, config.disagreeing_views.of(masks.len()));
-    let member = membership(&active);
     let coarser = (lattice.cells() / config.coarsest_cells).ilog2() as usize;
-    (Levels::new(active, base, coarser), member)
+    Levels::new(active, base, coarser)
 }
 
-fn color_start(shape: &Levels<1>, mean: [f32; 3], config: &FastConfig) -> (Levels<3>, Vec<bool>) {
+fn color_start(shape: &Levels<1>, mean: [f32; 3], config: &FastConfig) -> Levels<3> {
     let active = coarsened(shape.active(), config.color_coarseness);
     let lattice = *active.lattice();
     let base = mean.repeat(lattice.len());
-    let member = membership(&active);
     // Two levels of colour: the finest and one coarser.
-    (Levels::new(active, base, 1), member)
+    Levels::new(active, base, 1)
 }

@@ -1,0 +1,85 @@
+//! The fast method from the command line: quality, resuming, capacity, and the hull that it must beat.
+
+mod support;
+
+use dvr_core::mesh::read_mesh;
+use support::{Tiny, dvr, refuses, succeeds, text};
+
+/// The figures of a run.
+fn metrics(tiny: &Tiny, run: &str) -> serde_json::Value {
+    let text = std::fs::read_to_string(tiny.path(run).join("metrics.json")).unwrap();
+    serde_json::from_str(&text).unwrap()
+}
+
+/// Trains with a coarse mesh at the end.
+fn train(tiny: &Tiny, run: &str, more: &[&str]) -> std::process::Output {
+    let (scene, out) = (tiny.scene(), tiny.path(run));
+    let mut args = vec!["train", text(&scene), "--out", text(&out), "--resolution", "32"];
+    args.extend(more);
+    dvr(&args)
+}
+
+#[test]
+fn it_beats_the_hull_and_says_what_it_chose() {
+    let tiny = Tiny::new();
+    succeeds(&train(&tiny, "hull", &["--method", "hull"]));
+    let output = train(&tiny, "fast", &["--steps", "150"]);
+    succeeds(&output);
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(said.contains("64 cells") && said.contains("bytes stored"), "{said}");
+    let iou = |run: &str| metrics(&tiny, run)["shape"]["volume_iou"].as_f64().unwrap();
+    assert!(iou("fast") > iou("hull") && iou("fast") > 0.8, "{} against {}", iou("fast"), iou("hull"));
+    let bytes = metrics(&tiny, "fast")["bytes"].as_u64().unwrap();
+    assert!(bytes > 1000 && bytes < 60_000, "{bytes}");
+    let mesh = read_mesh(tiny.path("fast/mesh.glb")).unwrap().mesh;
+    assert!(mesh.colors.is_some());
+
+    // Whatever takes a run takes its compact field alone.
+    let scene_file = tiny.path("fast/scene.dvr");
+    assert!(std::fs::metadata(&scene_file).unwrap().len() < bytes + 6_000, "the field and a header");
+    let table = succeeds(&dvr(&["eval", text(&scene_file), "--resolution", "32"]));
+    assert!(table.contains("volume IoU") && table.contains("PSNR"), "{table}");
+    let obj = tiny.path("again.obj");
+    succeeds(&dvr(&["mesh", text(&scene_file), "--out", text(&obj), "--resolution", "24", "--colors", "field"]));
+    assert!(!read_mesh(&obj).unwrap().mesh.is_empty());
+    let frames = tiny.path("frames");
+    succeeds(&dvr(&["render", text(&scene_file), "--out", text(&frames), "--frames", "2", "--size", "24"]));
+    assert!(frames.join("orbit_0001.png").is_file());
+    refuses(&dvr(&["export", text(&scene_file), "--out", "x.safetensors"]), &["lattice", "--method network"]);
+}
+
+#[test]
+fn a_stopped_run_resumes_to_the_same_field() {
+    let tiny = Tiny::new();
+    let more = ["--steps", "40", "--capacity", "32", "--set", "first_cells=16", "--set", "color_coarseness=1"];
+    succeeds(&train(&tiny, "whole", &more));
+    let mut stopped = more.to_vec();
+    stopped.extend(["--time", "0s"]);
+    succeeds(&train(&tiny, "parts", &stopped));
+    let parts = tiny.path("parts");
+    succeeds(&dvr(&["train", "--resume", "--out", text(&parts), "--resolution", "32"]));
+    let field = |run: &str| {
+        let bytes = std::fs::read(tiny.path(run).join("scene.dvr")).unwrap();
+        let file = safetensors::SafeTensors::deserialize(&bytes).unwrap();
+        file.tensor("model").unwrap().data().to_vec()
+    };
+    assert!(field("whole") == field("parts"), "bit for bit");
+}
+
+#[test]
+fn bytes_are_kept_under_a_limit() {
+    let tiny = Tiny::new();
+    succeeds(&train(&tiny, "small", &["--steps", "40", "--max-bytes", "9k"]));
+    let bytes = metrics(&tiny, "small")["bytes"].as_u64().unwrap();
+    assert!(bytes <= 9_000, "{bytes}");
+    refuses(&train(&tiny, "x", &["--capacity", "65"]), &["65", "power of two"]);
+    refuses(&train(&tiny, "x", &["--method", "network", "--capacity", "64"]), &["--capacity", "fast"]);
+}
+
+#[test]
+fn depth_maps_teach_it_too() {
+    let tiny = Tiny::new();
+    succeeds(&train(&tiny, "depth", &["--steps", "100", "--supervision", "depth", "--capacity", "64"]));
+    let iou = metrics(&tiny, "depth")["shape"]["volume_iou"].as_f64().unwrap();
+    assert!(iou > 0.85, "{iou}");
+}

@@ -1,0 +1,75 @@
+//! What a fast run needs to go on: parameters and moments of all levels, as safetensors.
+
+use std::collections::HashMap;
+
+use safetensors::tensor::{Dtype, TensorView};
+use safetensors::{SafeTensors, serialize};
+use serde::{Deserialize, Serialize};
+
+use super::growth::Reached;
+use super::levels::Levels;
+use crate::error::{Error, Result};
+
+/// Key of the JSON among the container's metadata.
+const PROGRESS_KEY: &str = "progress";
+
+/// How far a run has come, besides its steps.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Progress {
+    pub stage: usize,
+    /// Cells along an edge of the present shape lattice.
+    pub cells: usize,
+    pub reached: Vec<Reached>,
+    pub has_kept: bool,
+    pub finished: bool,
+    pub rays_drawn: u64,
+}
+
+fn broken(problem: impl std::fmt::Display) -> Error {
+    Error::Config(format!("the checkpoint's training state is damaged: {problem}"))
+}
+
+/// Names of the present levels, and of those that growth may be taken back to.
+pub(super) const PRESENT: [&str; 2] = ["shape", "color"];
+pub(super) const KEPT: [&str; 2] = ["kept_shape", "kept_color"];
+
+/// Everything as bytes.
+pub(super) fn to_bytes(
+    progress: &Progress,
+    present: (&Levels<1>, &Levels<3>),
+    kept: Option<(&Levels<1>, &Levels<3>)>,
+) -> Result<Vec<u8>> {
+    let named = [(PRESENT, Some(present)), (KEPT, kept)];
+    let tensors: Vec<(&str, Vec<u8>)> = named
+        .iter()
+        .filter_map(|(names, levels)| {
+            levels.map(|(shape, color)| [(names[0], shape.state()), (names[1], color.state())])
+        })
+        .flatten()
+        .map(|(name, values)| (name, values.iter().flat_map(|v| v.to_le_bytes()).collect()))
+        .collect();
+    let views = tensors.iter().map(|(name, bytes)| {
+        TensorView::new(Dtype::F32, vec![bytes.len() / 4], bytes).map(|view| (*name, view)).map_err(broken)
+    });
+    let metadata = HashMap::from([(PROGRESS_KEY.to_owned(), serde_json::to_string(progress).map_err(broken)?)]);
+    serialize(views.collect::<Result<Vec<_>>>()?, Some(metadata)).map_err(broken)
+}
+
+/// How far the run had come.
+pub(super) fn progress(bytes: &[u8]) -> Result<Progress> {
+    let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(broken)?;
+    let text = metadata.metadata().as_ref().and_then(|m| m.get(PROGRESS_KEY)).ok_or_else(|| broken("no progress"))?;
+    serde_json::from_str(text).map_err(broken)
+}
+
+/// Puts the parameters back into levels of the same shapes.
+pub(super) fn restore(bytes: &[u8], names: [&str; 2], shape: &mut Levels<1>, color: &mut Levels<3>) -> Result<()> {
+    let tensors = SafeTensors::deserialize(bytes).map_err(broken)?;
+    let values = |name: &str| -> Result<Vec<f32>> {
+        let tensor = tensors.tensor(name).map_err(broken)?;
+        let (words, _) = tensor.data().as_chunks::<4>();
+        Ok(words.iter().map(|&word| f32::from_le_bytes(word)).collect())
+    };
+    let fits = shape.restore(&values(names[0])?) && color.restore(&values(names[1])?);
+    if fits { Ok(()) } else { Err(broken("it is that of other masks or another configuration")) }
+}
