@@ -93,7 +93,7 @@ pub fn from_bytes(bytes: &[u8]) -> Result<LatticeField, LatticeFormatError> {
     let (nodes, color_nodes) = (u32::from_le_bytes(word(2)), u32::from_le_bytes(word(3)));
     let half_extent = f32::from_le_bytes(word(4));
     let plausible = |n: u32| (2..=MAX_NODES).contains(&n);
-    if !plausible(nodes) || !plausible(color_nodes) || !(half_extent > 0.0 && half_extent.is_finite()) {
+    if !(plausible(nodes) && plausible(color_nodes) && half_extent > 0.0 && half_extent.is_finite()) {
         return Err(broken(format!("{nodes} and {color_nodes} nodes over +-{half_extent} make no lattices")));
     }
     let (shape, color) = (Lattice::new(nodes as usize, half_extent), Lattice::new(color_nodes as usize, half_extent));

@@ -184,7 +184,7 @@ impl FastConfig {
             Err(Error::Config(format!("`{key}` is {value}, it must be {range}")))
         };
         let is_doubled = |cells: usize, first: usize| {
-            first > 0 && cells >= first && cells % first == 0 && (cells / first).is_power_of_two() && cells <= MAX_CELLS
+            first > 0 && cells >= first && cells.is_multiple_of(first) && (cells / first).is_power_of_two() && cells <= MAX_CELLS
         };
         if self.coarsest_cells == 0 || !is_doubled(self.first_cells, self.coarsest_cells) {
             let range = format!("coarsest_cells ({}) times a power of two, at most {MAX_CELLS}", self.coarsest_cells);
