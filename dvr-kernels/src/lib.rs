@@ -23,10 +23,12 @@ pub mod adam;
 pub mod cubic;
 mod lattice;
 pub mod pyramid;
+mod roughness;
 mod sign_map;
 mod walk;
 
 pub use active::ActiveNodes;
 pub use lattice::{Cell, Lattice};
+pub use roughness::Roughness;
 pub use sign_map::SignMap;
 pub use walk::{Segment, Walk};

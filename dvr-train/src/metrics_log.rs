@@ -7,8 +7,12 @@ use crate::trainer::StepReport;
 use crate::validate::Agreement;
 
 /// The loss terms that have a column, in order.
-const TERMS: [&str; 10] = [
+const TERMS: [&str; 14] = [
     "color",
+    "cross_view",
+    "structure",
+    "mask",
+    "roughness",
     "texture",
     "image_gradient",
     "depth",

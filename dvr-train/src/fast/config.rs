@@ -98,6 +98,13 @@ pub struct FastLosses {
     pub cross_view: f64,
     /// Cross-view residuals above this are taken for occlusion or highlights, and ignored.
     pub cross_view_limit: f64,
+    /// Cross-view structure: one less the normalised cross-correlation of a patch around the pixel with its projection, by
+    /// the plane of the surface, to other views. Blind to exposure and to what has no texture.
+    pub structure: f64,
+    /// Structures less correlated than this are taken for occlusion, and ignored.
+    pub structure_limit: f64,
+    /// Pixels between the samples of a patch of 3x3.
+    pub structure_stride: u32,
     /// Depth of hits against depth maps, L1.
     pub depth: f64,
     /// Free space on background rays and occupancy on object rays that miss.
@@ -106,8 +113,10 @@ pub struct FastLosses {
     pub sharpness: f64,
     /// How far the gradient's length at hits is from one, squared.
     pub eikonal: f64,
-    /// Roughness: how far a node near the surface is from the mean of its neighbours.
-    pub laplacian: f64,
+    /// Roughness: how far, in cells, a node near the surface is from the mean of its neighbours; see `roughness_knee`.
+    pub roughness: f64,
+    /// Roughness counts in square up to this and linearly beyond: noise is smoothed, edges stay.
+    pub roughness_knee: f64,
 }
 
 impl Default for FastLosses {
@@ -116,11 +125,15 @@ impl Default for FastLosses {
             color: 1.0,
             cross_view: 10.0,
             cross_view_limit: 0.5,
+            structure: 1.0,
+            structure_limit: 0.3,
+            structure_stride: 1,
             depth: 0.0,
-            mask: 1.0,
+            mask: 10.0,
             sharpness: 100.0,
             eikonal: 0.05,
-            laplacian: 0.0,
+            roughness: 3.0,
+            roughness_knee: 0.05,
         }
     }
 }
@@ -136,7 +149,7 @@ impl FastConfig {
     pub fn new(supervision: Supervision) -> Self {
         let losses = match supervision {
             Supervision::Rgb => FastLosses::default(),
-            Supervision::Depth => FastLosses { cross_view: 0.0, depth: 10.0, ..FastLosses::default() },
+            Supervision::Depth => FastLosses { cross_view: 0.0, structure: 0.0, depth: 10.0, ..FastLosses::default() },
             Supervision::RgbDepth => FastLosses { depth: 10.0, ..FastLosses::default() },
         };
         Self {
@@ -184,7 +197,11 @@ impl FastConfig {
             Err(Error::Config(format!("`{key}` is {value}, it must be {range}")))
         };
         let is_doubled = |cells: usize, first: usize| {
-            first > 0 && cells >= first && cells.is_multiple_of(first) && (cells / first).is_power_of_two() && cells <= MAX_CELLS
+            first > 0
+                && cells >= first
+                && cells.is_multiple_of(first)
+                && (cells / first).is_power_of_two()
+                && cells <= MAX_CELLS
         };
         if self.coarsest_cells == 0 || !is_doubled(self.first_cells, self.coarsest_cells) {
             let range = format!("coarsest_cells ({}) times a power of two, at most {MAX_CELLS}", self.coarsest_cells);
@@ -209,11 +226,13 @@ impl FastConfig {
             ("losses.color", losses.color),
             ("losses.cross_view", losses.cross_view),
             ("losses.cross_view_limit", losses.cross_view_limit),
+            ("losses.structure", losses.structure),
             ("losses.depth", losses.depth),
             ("losses.mask", losses.mask),
             ("losses.sharpness", losses.sharpness),
             ("losses.eikonal", losses.eikonal),
-            ("losses.laplacian", losses.laplacian),
+            ("losses.roughness", losses.roughness),
+            ("losses.roughness_knee", losses.roughness_knee),
             ("shape_rate", self.shape_rate),
             ("shape_rate_ratio", self.shape_rate_ratio),
             ("color_rate", self.color_rate),

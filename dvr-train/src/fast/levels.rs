@@ -64,6 +64,13 @@ impl<const C: usize> Levels<C> {
         (gradient, active)
     }
 
+    /// The same, and the values at the finest nodes.
+    pub fn baked_and_gradient_mut(&mut self) -> (&[f32], &mut [f32], &ActiveNodes) {
+        let last = self.levels.len() - 1;
+        let Level { gradient, active, .. } = &mut self.levels[last];
+        (&self.baked, gradient, active)
+    }
+
     /// Parameters of all levels.
     pub fn parameters(&self) -> usize {
         self.levels.iter().map(|level| C * level.active.count()).sum()

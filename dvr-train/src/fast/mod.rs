@@ -3,6 +3,7 @@
 mod config;
 mod growth;
 mod levels;
+mod patch;
 mod rays;
 mod scatter;
 mod start;

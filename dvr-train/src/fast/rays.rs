@@ -6,6 +6,7 @@ use dvr_render::SlopeRule;
 use glam::Vec3;
 
 use super::config::FastLosses;
+use super::patch::Patch;
 use super::views::{FastView, PixelRay, mix};
 
 /// The gradient that a ray sends to the field, at one point.
@@ -27,6 +28,7 @@ pub(super) struct Lesson {
 pub(super) struct Tally {
     pub color: f64,
     pub cross_view: f64,
+    pub structure: f64,
     pub depth: f64,
     pub mask: f64,
     /// Rays that hit and show the object, that do either.
@@ -38,6 +40,7 @@ impl Tally {
     pub fn add(&mut self, other: &Self) {
         self.color += other.color;
         self.cross_view += other.cross_view;
+        self.structure += other.structure;
         self.depth += other.depth;
         self.mask += other.mask;
         self.intersection += other.intersection;
@@ -97,8 +100,8 @@ impl Scene<'_> {
         let by_color = losses.color as f32 * sign;
         tally.color += f64::from(residual.abs().element_sum());
 
-        if losses.cross_view > 0.0 {
-            by_depth += losses.cross_view as f32 * self.cross_view(pixel, point, gradient / steepness, seed, tally);
+        if losses.cross_view > 0.0 || losses.structure > 0.0 {
+            by_depth += self.cross_view(pixel, origin, point, gradient / steepness, seed, tally);
         }
         if losses.depth > 0.0 && pixel.z_depth.is_finite() {
             // Ray depth is z-depth; in space a step of it is as long as the direction.
@@ -121,12 +124,22 @@ impl Scene<'_> {
         }
     }
 
-    /// How the distance of the pixel's colour to that of other views at `point` changes with the depth; mean over views.
-    fn cross_view(&self, pixel: &PixelRay, point: Vec3, inward: Vec3, seed: u64, tally: &mut Tally) -> f32 {
+    /// How the disagreement with other views at `point` changes with the depth; mean over views.
+    fn cross_view(
+        &self,
+        pixel: &PixelRay,
+        origin: Vec3,
+        point: Vec3,
+        inward: Vec3,
+        seed: u64,
+        tally: &mut Tally,
+    ) -> f32 {
         let neighbours = &self.views[pixel.view as usize].neighbours;
         if neighbours.is_empty() {
             return 0.0;
         }
+        let losses = self.losses;
+        let patch = (losses.structure > 0.0).then(|| self.patch(pixel, origin, point, inward)).flatten();
         let mut by_depth = 0.0;
         let first = mix(seed) as usize;
         for k in 0..self.compared_views.min(neighbours.len()) {
@@ -139,19 +152,31 @@ impl Scene<'_> {
                 continue;
             }
             let Some(seen) = view.reproject(point, pixel.direction) else { continue };
-            let residual = seen.color - pixel.color;
-            let size = residual.abs().element_sum();
-            if size > self.losses.cross_view_limit as f32 {
-                continue;
-            }
             let clearance = CLEARANCE * self.shape.spacing() / distance;
             if self.map.first_crossing(self.values, point, to_view, clearance, 1.0).is_some() {
                 continue;
             }
-            tally.cross_view += f64::from(size);
-            by_depth += residual.signum().dot(seen.derivative);
+            let residual = seen.color - pixel.color;
+            let size = residual.abs().element_sum();
+            if size < losses.cross_view_limit as f32 {
+                tally.cross_view += f64::from(size);
+                by_depth += losses.cross_view as f32 * residual.signum().dot(seen.derivative);
+            }
+            let structure = patch.as_ref().and_then(|patch| patch.compare(view));
+            if let Some(structure) = structure.filter(|s| s.correlation > losses.structure_limit as f32) {
+                tally.structure += f64::from(1.0 - structure.correlation);
+                by_depth -= losses.structure as f32 * structure.derivative;
+            }
         }
         by_depth / self.compared_views as f32
+    }
+
+    /// The patch around a pixel on the plane of the surface at `point`.
+    fn patch(&self, pixel: &PixelRay, origin: Vec3, point: Vec3, inward: Vec3) -> Option<Patch> {
+        let view = &self.views[pixel.view as usize];
+        let [u, v] = pixel.pixel;
+        let stride = self.losses.structure_stride;
+        Patch::on_plane(view, [u, v], stride, origin, point, inward)
     }
 
     /// A ray that hits though its pixel shows background (`sign` 1), or misses though it shows the object (-1): the
@@ -210,3 +235,7 @@ pub(super) fn mean_object_color(views: &[&View]) -> Vec3 {
     }
     (sum / count.max(1) as f64).as_vec3()
 }
+
+#[cfg(test)]
+#[path = "rays_tests.rs"]
+mod tests;

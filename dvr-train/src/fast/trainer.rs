@@ -1,7 +1,7 @@
 //! The fast trainer: lattices, exact crossings, gradients by hand.
 
 use dvr_core::hull::MaskDistance;
-use dvr_kernels::{ActiveNodes, Lattice, SignMap};
+use dvr_kernels::{ActiveNodes, Lattice, Roughness, SignMap};
 use dvr_model::{LatticeField, LatticeValues, lattice_file};
 use rayon::prelude::*;
 
@@ -38,6 +38,7 @@ pub struct FastTrainer<'a> {
     shape: Levels<1>,
     shape_active: Vec<bool>,
     map: SignMap,
+    roughness: Roughness,
     color: Levels<3>,
     color_active: Vec<bool>,
     mean_color: [f32; 3],
@@ -84,6 +85,7 @@ impl<'a> FastTrainer<'a> {
             shape_active: membership(shape.active()),
             shape,
             map,
+            roughness: Roughness::default(),
             color_active: membership(color.active()),
             color,
             mean_color,
@@ -155,6 +157,14 @@ impl<'a> FastTrainer<'a> {
         let (lessons, tally) = self.lessons();
         let (gradient, active) = self.shape.gradient_mut();
         gather_shape(&lessons, active, &self.shape_active, gradient);
+        let losses = &self.config.losses;
+        let mut roughness = 0.0;
+        if losses.roughness > 0.0 {
+            // Losses are sums over rays; this one is a mean over nodes.
+            let weight = (losses.roughness * self.config.rays as f64) as f32;
+            let (values, gradient, active) = self.shape.baked_and_gradient_mut();
+            roughness = self.roughness.add_gradient(values, gradient, active, weight, losses.roughness_knee as f32);
+        }
         let (gradient, active) = self.color.gradient_mut();
         gather_color(&lessons, active, &self.color_active, gradient);
         let decay = self.decay();
@@ -165,7 +175,7 @@ impl<'a> FastTrainer<'a> {
         self.map.rebuild(self.shape.baked());
         self.step += 1;
         self.rays_drawn += config.rays as u64;
-        self.report(&tally, config.shape_rate * decay)
+        self.report(&tally, roughness, self.config.shape_rate * decay)
     }
 
     /// Factor of the step sizes: falls exponentially to `final_rate` in each stage.
@@ -228,14 +238,16 @@ impl<'a> FastTrainer<'a> {
         self.map = SignMap::new(self.shape.lattice(), self.shape.baked());
     }
 
-    fn report(&self, tally: &Tally, learning_rate: f64) -> StepReport {
+    fn report(&self, tally: &Tally, roughness: f32, learning_rate: f64) -> StepReport {
         let losses = &self.config.losses;
         let mean = 1.0 / self.config.rays as f64;
         let terms = vec![
             ("color", losses.color * tally.color * mean),
             ("cross_view", losses.cross_view * tally.cross_view * mean / self.config.compared_views.max(1) as f64),
+            ("structure", losses.structure * tally.structure * mean / self.config.compared_views.max(1) as f64),
             ("depth", losses.depth * tally.depth * mean),
             ("mask", losses.mask * tally.mask * mean),
+            ("roughness", losses.roughness * f64::from(roughness)),
         ];
         StepReport {
             step: self.step,

@@ -28,6 +28,8 @@ pub(super) struct FastView {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct PixelRay {
     pub view: u32,
+    /// Column and row.
+    pub pixel: [u32; 2],
     pub direction: Vec3,
     pub color: Vec3,
     pub object: bool,
@@ -86,11 +88,26 @@ impl FastView {
         let [r, g, b, object] = self.pixels[index as usize];
         PixelRay {
             view,
-            direction: self.to_direction * Vec3::new(u as f32 + 0.5, v as f32 + 0.5, 1.0),
+            pixel: [u, v],
+            direction: self.direction(u, v),
             color: Vec3::new(f32::from(r), f32::from(g), f32::from(b)) / 255.0,
             object: object > 0,
             z_depth: self.z_depth.get(index as usize).copied().unwrap_or(f32::NAN),
         }
+    }
+
+    /// Direction of unit z-depth through the centre of a pixel.
+    pub fn direction(&self, u: u32, v: u32) -> Vec3 {
+        self.to_direction * Vec3::new(u as f32 + 0.5, v as f32 + 0.5, 1.0)
+    }
+
+    /// Brightness of a pixel; `None` out of the frame and off the object.
+    pub fn brightness(&self, u: u32, v: u32) -> Option<f32> {
+        if u >= self.width || v >= self.height {
+            return None;
+        }
+        let [r, g, b, object] = self.pixels[(v * self.width + u) as usize];
+        (object > 0).then(|| (f32::from(r) + f32::from(g) + f32::from(b)) / (3.0 * 255.0))
     }
 
     /// Pixel coordinates and z-depth of a point.

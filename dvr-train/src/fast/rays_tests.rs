@@ -1,0 +1,187 @@
+//! Gradients by hand against differences of the losses themselves.
+
+use dvr_core::{Camera, DepthMap, Mask, Split};
+use dvr_kernels::{ActiveNodes, Lattice, SignMap};
+use glam::DVec3;
+use image::{GrayImage, Rgb, RgbImage};
+
+use super::*;
+
+/// The true ball; the field's is a little larger, so that all losses pull.
+const TRUE_RADIUS: f64 = 0.3;
+const RADIUS: f32 = 0.31;
+
+/// Colour painted on the true ball: structure in every direction.
+fn paint(point: DVec3) -> [f64; 3] {
+    [
+        0.5 + 0.3 * (11.0 * point.x + 3.0 * point.y).sin(),
+        0.5 + 0.3 * (9.0 * point.y - 4.0 * point.z).cos(),
+        0.5 + 0.3 * (10.0 * point.z + point.x).sin(),
+    ]
+}
+
+fn view(eye: DVec3) -> View {
+    let size = 96;
+    let camera = Camera::look_at(size, size, 130.0, eye, DVec3::ZERO, DVec3::new(0.1, 1.0, 0.0));
+    let (mut image, mut mask) = (RgbImage::new(size, size), GrayImage::new(size, size));
+    let mut z_depth = vec![f32::INFINITY; (size * size) as usize];
+    for v in 0..size {
+        for u in 0..size {
+            let ray = camera.pixel_ray(u, v);
+            let (a, b) = (ray.direction.length_squared(), ray.origin.dot(ray.direction));
+            let root = b * b - a * (ray.origin.length_squared() - TRUE_RADIUS * TRUE_RADIUS);
+            if root > 0.0 {
+                let depth = (-b - root.sqrt()) / a;
+                image.put_pixel(u, v, Rgb(paint(ray.at(depth)).map(|c| (255.0 * c).round() as u8)));
+                mask.put_pixel(u, v, image::Luma([255]));
+                z_depth[(v * size + u) as usize] = depth as f32;
+            }
+        }
+    }
+    let depth = Some(DepthMap { width: size, height: size, z_depth });
+    View { name: eye.to_string(), camera, image, mask: Mask { coverage: mask }, depth, split: Split::Train }
+}
+
+/// A ball on a lattice, and three cameras close to each other.
+struct Fixture {
+    views: Vec<FastView>,
+    shape: Lattice,
+    values: Vec<f32>,
+    active: Vec<bool>,
+    colors: Lattice,
+    color_values: Vec<f32>,
+}
+
+impl Fixture {
+    fn new() -> Self {
+        let eyes = [DVec3::new(0.0, 0.0, -1.6), DVec3::new(0.3, 0.1, -1.57), DVec3::new(-0.25, 0.2, -1.56)];
+        let views: Vec<View> = eyes.into_iter().map(view).collect();
+        let (shape, colors) = (Lattice::new(33, 0.55), Lattice::new(17, 0.55));
+        let values: Vec<f32> = (0..shape.len()).map(|i| RADIUS - shape.position(i).length()).collect();
+        let color = |i: usize| paint(0.98 * colors.position(i).as_dvec3()).map(|c| 0.1 + 0.7 * c as f32);
+        Self {
+            views: FastView::pack(&views.iter().collect::<Vec<_>>(), 2),
+            active: vec![true; shape.len()],
+            color_values: (0..colors.len()).flat_map(color).collect(),
+            shape,
+            values,
+            colors,
+        }
+    }
+
+    /// The lesson and the weighted loss of a pixel of the first view, with the whole field raised by `change`: a single
+    /// node would tilt the plane of a patch too, which the gradient leaves out on purpose.
+    fn look(&self, pixel: u32, losses: &FastLosses, change: f32) -> (Option<Lesson>, f64) {
+        let values: Vec<f32> = self.values.iter().map(|value| value + change).collect();
+        let map = SignMap::new(&self.shape, &values);
+        let scene = Scene {
+            views: &self.views,
+            shape: &self.shape,
+            values: &values,
+            active: &self.active,
+            map: &map,
+            colors: &self.colors,
+            color_values: &self.color_values,
+            losses,
+            compared_views: 2,
+        };
+        let mut tally = Tally::default();
+        let lesson = scene.lesson(&self.views[0].pixel_ray(0, pixel), 7, &mut tally);
+        let loss = losses.color * tally.color
+            + 0.5 * losses.cross_view * tally.cross_view
+            + 0.5 * losses.structure * tally.structure
+            + losses.depth * tally.depth
+            + losses.mask * tally.mask;
+        (lesson, loss)
+    }
+
+    /// The gradient of a pixel's loss by the field's value at its point: by hand, and by differences.
+    fn gradients(&self, pixel: u32, losses: &FastLosses) -> (f64, f64) {
+        let by_hand = self.look(pixel, losses, 0.0).0.expect("the pixel teaches").by_value;
+        let step = 2e-4;
+        let loss = |change| self.look(pixel, losses, change).1;
+        (f64::from(by_hand), (loss(step) - loss(-step)) / (2.0 * f64::from(step)))
+    }
+}
+
+fn nothing() -> FastLosses {
+    FastLosses {
+        color: 0.0,
+        cross_view: 0.0,
+        structure: 0.0,
+        depth: 0.0,
+        mask: 0.0,
+        eikonal: 0.0,
+        ..FastLosses::default()
+    }
+}
+
+/// Compares on pixels in the middle of the ball; the damping of grazing rays and f32 differences leave a few percent.
+/// `slack` is a share of the largest gradient.
+fn check(losses: &FastLosses, slack: f64) {
+    let fixture = Fixture::new();
+    let (mut compared, mut size) = (0, 0.0f64);
+    for pixel in (36..60).step_by(5).flat_map(|v| (38..60).step_by(4).map(move |u| v * 96 + u)) {
+        let (by_hand, difference) = fixture.gradients(pixel, losses);
+        let tolerance = 0.05 * (by_hand.abs() + difference.abs()) + slack * size.max(0.1);
+        // Piecewise linear losses have kinks (a channel's sign, a pixel's border) that differences step over.
+        compared += usize::from((by_hand - difference).abs() < tolerance);
+        size = size.max(difference.abs());
+    }
+    assert!(size > 0.05, "the loss depends on the field: {size}");
+    assert!(compared >= 26, "{compared} of 30 agree");
+}
+
+#[test]
+fn colour_moves_the_surface_as_differences_say() {
+    check(&FastLosses { color: 1.0, ..nothing() }, 0.02);
+}
+
+#[test]
+fn cross_view_colour_moves_the_surface_as_differences_say() {
+    check(&FastLosses { cross_view: 1.0, cross_view_limit: 3.0, ..nothing() }, 0.02);
+}
+
+#[test]
+fn structure_moves_the_surface_as_differences_say() {
+    // The surface turns a little as the point moves on the ball; the gradient takes its plane for fixed.
+    check(&FastLosses { structure: 1.0, structure_limit: -1.0, ..nothing() }, 0.2);
+}
+
+#[test]
+fn depth_moves_the_surface_as_differences_say() {
+    check(&FastLosses { depth: 1.0, ..nothing() }, 0.02);
+}
+
+#[test]
+fn masks_push_the_densest_point_in_or_out() {
+    let mut fixture = Fixture::new();
+    let losses = FastLosses { mask: 1.0, ..nothing() };
+    // A ray just beside the true ball meets the field's, which is larger.
+    let pixel = (0..96).map(|u| 48 * 96 + u).find(|&p| {
+        let object = fixture.views[0].pixel_ray(0, p).object;
+        !object && fixture.look(p, &losses, 0.0).0.is_some()
+    });
+    let (lesson, loss) = fixture.look(pixel.unwrap(), &losses, 0.0);
+    assert!(lesson.unwrap().by_value > 0.0 && loss > 0.5, "pushed out");
+    // The same ball shrunk: object pixels at its rim miss.
+    fixture.values.iter_mut().for_each(|v| *v -= 0.05);
+    let pixel = (0..96).map(|u| 48 * 96 + u).find(|&p| fixture.views[0].pixel_ray(0, p).object).unwrap();
+    let (by_hand, difference) = fixture.gradients(pixel, &losses);
+    assert!(by_hand < 0.0, "pulled in");
+    assert!((by_hand - difference).abs() < 0.05 * difference.abs(), "{by_hand} {difference}");
+}
+
+#[test]
+fn other_cells_are_left_alone() {
+    let fixture = Fixture::new();
+    let active = ActiveNodes::new(&fixture.shape, |_| true);
+    let lessons = [fixture.look(48 * 96 + 48, &FastLosses::default(), 0.0).0.unwrap()];
+    let mut gradient = vec![0.0; fixture.shape.len()];
+    super::super::scatter::gather_shape(&lessons, &active, &fixture.active, &mut gradient);
+    let touched: Vec<usize> = (0..gradient.len()).filter(|&i| gradient[i] != 0.0).collect();
+    let cell = lessons[0].shape_cell;
+    assert!(!touched.is_empty() && touched.iter().all(|i| fixture.shape.corner_offsets().contains(&(i - cell.node))));
+    let sum: f32 = gradient.iter().sum();
+    assert!((sum - lessons[0].by_value).abs() < 1e-3 * sum.abs(), "weights sum to one, slopes to zero");
+}
