@@ -218,6 +218,9 @@ pub struct MeshingArgs {
     /// Drop pieces smaller than this share of the largest piece's area; 0 keeps everything
     #[arg(long, default_value_t = 0.01, value_name = "SHARE")]
     pub min_piece: f64,
+    /// Save triangles where that moves the surface by no more than this share of the object's cube, e.g. 0.0005
+    #[arg(long, default_value_t = 0.0, value_parser = parse_share, value_name = "SHARE")]
+    pub simplify: f32,
     /// Where vertex colours come from
     #[arg(long, value_enum, default_value_t = Colors::Photos)]
     pub colors: Colors,
@@ -397,6 +400,12 @@ fn parse_duration(text: &str) -> Result<Duration, String> {
     };
     let seconds: f64 = number.parse().map_err(|_| format!("{text:?} is no time; write 90s, 10m or 2h"))?;
     Duration::try_from_secs_f64(seconds * factor).map_err(|e| format!("{text:?}: {e}"))
+}
+
+/// Reads a share from 0 to 1.
+fn parse_share(text: &str) -> Result<f32, String> {
+    let share = text.parse::<f32>().ok().filter(|share| (0.0..=1.0).contains(share));
+    share.ok_or_else(|| format!("{text:?} is no share; write a number from 0 to 1, e.g. 0.0005"))
 }
 
 /// Reads `auto` or a number of cells.

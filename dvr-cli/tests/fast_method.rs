@@ -40,8 +40,11 @@ fn it_beats_the_hull_and_says_what_it_chose() {
     let table = succeeds(&dvr(&["eval", text(&scene_file), "--resolution", "32"]));
     assert!(table.contains("volume IoU") && table.contains("PSNR"), "{table}");
     let obj = tiny.path("again.obj");
-    succeeds(&dvr(&["mesh", text(&scene_file), "--out", text(&obj), "--resolution", "24", "--colors", "field"]));
-    assert!(!read_mesh(&obj).unwrap().mesh.is_empty());
+    succeeds(&dvr(&["mesh", text(&scene_file), "--out", text(&obj), "--resolution", "48", "--colors", "field"]));
+    let simple = tiny.path("simple.obj");
+    succeeds(&dvr(&["mesh", text(&scene_file), "--out", text(&simple), "--resolution", "48", "--simplify", "0.002"]));
+    let faces = |path| read_mesh(path).unwrap().mesh.faces.len();
+    assert!(faces(&simple) > 50 && 2 * faces(&simple) < faces(&obj), "{} of {}", faces(&simple), faces(&obj));
     let frames = tiny.path("frames");
     succeeds(&dvr(&["render", text(&scene_file), "--out", text(&frames), "--frames", "2", "--size", "24"]));
     assert!(frames.join("orbit_0001.png").is_file());

@@ -25,6 +25,8 @@ pub struct MeshOptions {
     pub extraction: ExtractSettings,
     /// Its colours.
     pub colors: ColorSource,
+    /// How far, in object units, the surface may move to save triangles; 0 keeps them all.
+    pub max_simplification: f32,
 }
 
 /// Extracts the mesh of a field, in object space, with vertex colours; `seeds` are points near the surface, and `views`
@@ -40,6 +42,9 @@ pub fn object_mesh(
 ) -> Result<Extraction> {
     let extracted = extract_mesh(field, &options.extraction, seeds);
     let mut extracted = extracted.map_err(|e| Error::NoMesh(e.to_string()))?;
+    if options.max_simplification > 0.0 {
+        extracted.mesh = extracted.mesh.simplified(options.max_simplification);
+    }
     if options.colors == ColorSource::Photos {
         bake_colors(&mut extracted.mesh, views);
     }

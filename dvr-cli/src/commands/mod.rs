@@ -47,7 +47,7 @@ pub fn mesh_options(args: &MeshingArgs) -> MeshOptions {
         Colors::Photos => ColorSource::Photos,
         Colors::Field => ColorSource::Field,
     };
-    MeshOptions { extraction, colors }
+    MeshOptions { extraction, colors, max_simplification: args.simplify }
 }
 
 /// Prints notes on standard error, one a line.

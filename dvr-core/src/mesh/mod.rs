@@ -11,6 +11,7 @@ mod off;
 mod ply;
 mod polygon;
 pub mod shapes;
+mod simplify;
 
 use std::sync::Arc;
 
