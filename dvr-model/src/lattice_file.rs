@@ -53,9 +53,12 @@ pub fn to_bytes(field: &LatticeField) -> Result<Vec<u8>, LatticeFormatError> {
     let classes = classify(shape);
     let step = shape.lattice.spacing() / STEPS_PER_CELL;
     let mut plain: Vec<u8> = classes.iter().map(|&class| class as u8).collect();
-    let stored = |class: &Class| *class == Class::Stored;
-    let values = shape.values.iter().zip(&classes).filter(|(_, class)| stored(class));
-    plain.extend(values.map(|(&value, _)| quantised(value, step) as u8));
+    let mut predictor = Predictor::new(&shape.lattice);
+    for node in (0..classes.len()).filter(|&node| classes[node] == Class::Stored) {
+        let code = quantised(shape.values[node], step);
+        plain.push(code.wrapping_sub(predictor.predict(node)) as u8);
+        predictor.learn(node, code);
+    }
     let needed = needed_colors(&shape.lattice, &classes, &color.lattice);
     for channel in 0..3 {
         let mut previous = 0u8;
@@ -130,15 +133,14 @@ fn read_plain(plain: &[u8], shape: Lattice, color: Lattice) -> Option<LatticeFie
     let stored = classes.iter().filter(|class| **class == Class::Stored).count();
     let (codes, rest) = rest.split_at_checked(stored)?;
     let (step, far) = (shape.spacing() / STEPS_PER_CELL, 2.0 * shape.spacing());
-    let mut codes = codes.iter();
-    let values = classes
-        .iter()
-        .map(|class| match class {
-            Class::Outside => Some(-far),
-            Class::Inside => Some(far),
-            Class::Stored => codes.next().map(|&code| (f32::from(code as i8) + 0.5) * step),
-        })
-        .collect::<Option<Vec<f32>>>()?;
+    let mut values: Vec<f32> = classes.iter().map(|&class| if class == Class::Inside { far } else { -far }).collect();
+    let mut predictor = Predictor::new(&shape);
+    let nodes = (0..classes.len()).filter(|&node| classes[node] == Class::Stored);
+    for (node, &residual) in nodes.zip(codes) {
+        let code = predictor.predict(node).wrapping_add(residual as i8);
+        predictor.learn(node, code);
+        values[node] = (f32::from(code) + 0.5) * step;
+    }
     let needed = needed_colors(&shape, &classes, &color);
     let count = needed.iter().filter(|needed| **needed).count();
     if rest.len() != 3 * count {
@@ -171,6 +173,35 @@ fn classify(shape: &LatticeValues) -> Vec<Class> {
         }
     }
     classes
+}
+
+/// Guesses a node's code from those before it, so that only what is new has to be stored: shapes are almost linear
+/// from node to node (the Lorenzo predictor, Ibarria et al. 2003, on as many axes as there are neighbours).
+struct Predictor {
+    codes: Vec<Option<i8>>,
+    steps: [usize; 3],
+}
+
+impl Predictor {
+    fn new(lattice: &Lattice) -> Self {
+        let nodes = lattice.nodes();
+        Self { codes: vec![None; lattice.len()], steps: [1, nodes, nodes * nodes] }
+    }
+
+    fn predict(&self, node: usize) -> i8 {
+        let code = |back: usize| node.checked_sub(back).and_then(|i| self.codes[i]).map(i16::from);
+        let [x, y, z] = self.steps;
+        let plane = |a: usize, b: usize| Some(code(a)? + code(b)? - code(a + b)?);
+        let all =
+            || Some(code(x)? + code(y)? + code(z)? - code(x + y)? - code(x + z)? - code(y + z)? + code(x + y + z)?);
+        let guess = all().or_else(|| plane(x, y)).or_else(|| plane(x, z)).or_else(|| plane(y, z));
+        let guess = guess.or_else(|| code(x)).or_else(|| code(y)).or_else(|| code(z)).unwrap_or(0);
+        guess.clamp(-128, 127) as i8
+    }
+
+    fn learn(&mut self, node: usize, code: i8) {
+        self.codes[node] = Some(code);
+    }
 }
 
 /// The colour nodes around stored shape nodes.
