@@ -40,7 +40,7 @@ impl Observer for Progress {
             }
             self.bar.set_prefix(name.to_owned());
         } else {
-            eprintln!("{name} ({steps} steps)");
+            eprintln!("{name}{}", if steps > 1 { format!(" ({steps} steps)") } else { String::new() });
         }
     }
 

@@ -26,7 +26,7 @@ fn it_beats_the_hull_and_says_what_it_chose() {
     let output = train(&tiny, "fast", &["--steps", "150"]);
     succeeds(&output);
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(said.contains("64 cells") && said.contains("bytes stored"), "{said}");
+    assert!(said.contains("32 cells") && said.contains("bytes stored"), "{said}");
     let iou = |run: &str| metrics(&tiny, run)["shape"]["volume_iou"].as_f64().unwrap();
     assert!(iou("fast") > iou("hull") && iou("fast") > 0.8, "{} against {}", iou("fast"), iou("hull"));
     let bytes = metrics(&tiny, "fast")["bytes"].as_u64().unwrap();

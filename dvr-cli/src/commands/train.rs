@@ -9,7 +9,7 @@ use dvr_core::dataset::read_scene;
 use dvr_core::{Scene, Split};
 use dvr_train::{
     Agreement, Capacity, Checkpoint, FastConfig, Method, RunFolder, RunMetrics, RunOptions, Stop, Supervision,
-    TrainConfig, finish, train,
+    TrainConfig, ViewSplit, finish, train,
 };
 
 use super::{mesh_options, print_notes, scene_of_run};
@@ -43,8 +43,8 @@ pub fn run(args: &TrainArgs) -> Result<ExitCode> {
         }
     };
     check_supervision(&scene, &config)?;
+    describe(&scene, &config)?;
     prepare(&folder, args, &config)?;
-    describe(&scene, &config);
     interrupt_on_ctrl_c()?;
 
     let device = args.backend.backend.device();
@@ -123,10 +123,7 @@ fn fast_configuration(args: &TrainArgs, supervision: Supervision) -> FastConfig 
         config.capacity = Capacity::Cells(cells);
         config.first_cells = config.first_cells.min(cells);
     }
-    if let Some(bytes) = args.max_bytes {
-        // Grow from small, so that the largest field that fits is found.
-        (config.max_bytes, config.first_cells) = (bytes, 2 * config.coarsest_cells * config.color_coarseness);
-    }
+    config.max_bytes = args.max_bytes.unwrap_or(0);
     config
 }
 
@@ -163,21 +160,23 @@ fn prepare(folder: &RunFolder, args: &TrainArgs, method: &Method) -> Result<()> 
 }
 
 /// What is about to happen, in three lines.
-fn describe(scene: &Scene, method: &Method) {
-    let count = |split| scene.views_of(split).count();
+fn describe(scene: &Scene, method: &Method) -> Result<()> {
+    let split = ViewSplit::new(scene, method.hold_out_every())?;
     let size = scene.views.first().map_or((0, 0), |view| view.image.dimensions());
     eprintln!(
-        "{} ({}): {} views of {}x{} ({} for validation, {} for testing), supervision {}",
+        "{} ({}): {} views of {}x{} ({} to train on, {} held out, {} for testing), supervision {}",
         scene.name,
         scene.format,
         scene.views.len(),
         size.0,
         size.1,
-        count(Split::Val),
-        count(Split::Test),
+        split.train.len(),
+        split.held_out.len(),
+        scene.views_of(Split::Test).count(),
         method.supervision(),
     );
     print_notes(&scene.warnings);
+    Ok(())
 }
 
 /// The first Ctrl-C asks for a clean stop, the second ends the program.

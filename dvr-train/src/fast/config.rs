@@ -59,6 +59,8 @@ pub enum Capacity {
     /// Twice the cells again while that makes held-out views better by at least `min_gain_db`, and cells are larger than
     /// half the footprint of a pixel; at most `max_cells`.
     Auto {
+        /// Cells along an edge up to which growth is never taken back: a few held-out views are too noisy a judge.
+        min_cells: usize,
         /// Most cells along an edge.
         max_cells: usize,
         /// Gain in PSNR on held-out views below which growth is taken back, dB.
@@ -155,8 +157,8 @@ impl FastConfig {
         Self {
             supervision,
             seed: 0,
-            capacity: Capacity::Auto { max_cells: 128, min_gain_db: 0.1 },
-            first_cells: 64,
+            capacity: Capacity::Auto { min_cells: 64, max_cells: 128, min_gain_db: 0.1 },
+            first_cells: 32,
             max_bytes: 0,
             steps: 300,
             rays: 2048,
@@ -185,7 +187,13 @@ impl FastConfig {
 
     /// The visual hull and nothing else: what masks and cameras alone tell. The baseline of every comparison.
     pub fn hull() -> Self {
-        Self { steps: 0, capacity: Capacity::Cells(128), first_cells: 128, ..Self::new(Supervision::Rgb) }
+        Self {
+            steps: 0,
+            capacity: Capacity::Cells(128),
+            first_cells: 128,
+            disagreeing_views: DisagreeingViews::Exactly(0),
+            ..Self::new(Supervision::Rgb)
+        }
     }
 
     /// Checks that the values make sense together.

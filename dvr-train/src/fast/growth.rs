@@ -78,7 +78,8 @@ impl Growth {
             });
             return verdict;
         }
-        if let (Capacity::Auto { min_gain_db, .. }, Some(before)) = (config.capacity, before)
+        if let (Capacity::Auto { min_cells, min_gain_db, .. }, Some(before)) = (config.capacity, before)
+            && cells > min_cells
             && let (Some(old), Some(new)) = (before.held_out, held_out)
         {
             let gain = new.psnr - old.psnr;
