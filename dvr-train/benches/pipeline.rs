@@ -16,9 +16,9 @@ use dvr_core::{Camera, Ray, Scene, UnitCube};
 use dvr_model::{Decoder, DecoderConfig};
 use dvr_render::extract::{ExtractSettings, FieldSurface, extract_mesh};
 use dvr_render::{
-    Field, MarchSettings, Marcher, Query, Rays, RootMethod, SlopeRule, Surface, TensorMarcher, implicit_depth,
+    Field, MarchSettings, Marcher, Query, Rays, RootMethod, Shader, SlopeRule, Surface, TensorMarcher, implicit_depth,
 };
-use dvr_train::{Supervision, TrainConfig, Trainer, ViewSplit};
+use dvr_train::{Capacity, FastConfig, FastTrainer, Learner, Supervision, TrainConfig, Trainer, ViewSplit};
 use glam::DVec3;
 
 const RAYS: usize = 1024;
@@ -155,6 +155,36 @@ fn extraction(c: &mut Criterion) {
     group.finish();
 }
 
+/// The fast method: its step, and rays that meet a lattice.
+fn lattices(c: &mut Criterion) {
+    let scene = demo_scene();
+    let mut group = c.benchmark_group("lattice field");
+    for cells in [64, 128] {
+        let config = FastConfig {
+            capacity: Capacity::Cells(cells),
+            first_cells: cells,
+            steps: usize::MAX / 2,
+            ..FastConfig::default()
+        };
+        let views = ViewSplit::new(&scene, config.hold_out_every).expect("enough views");
+        let mut trainer = FastTrainer::new(views, config).expect("the masks show the object");
+        group.throughput(Throughput::Elements(2048));
+        group.bench_function(format!("training step, {cells} cells, 2048 rays"), |b| {
+            b.iter(|| trainer.step().expect("the loss is finite"));
+        });
+        let field = trainer.field();
+        let camera = Camera::look_at(256, 256, 320.0, DVec3::new(0.7, 0.5, -1.2), DVec3::ZERO, DVec3::Y);
+        let rays: Vec<Ray> = (0..256 * 256).map(|i| camera.pixel_ray(i % 256, i / 256)).collect();
+        group.throughput(Throughput::Elements(rays.len() as u64));
+        group.bench_function(format!("rays shaded, {cells} cells"), |b| b.iter(|| black_box(field.shade(&rays))));
+        let settings = ExtractSettings::default();
+        group.sample_size(10).bench_function(format!("extraction at 256^3, {cells} cells"), |b| {
+            b.iter(|| black_box(extract_mesh(&field, &settings, &[]).expect("there is a surface")));
+        });
+    }
+    group.finish();
+}
+
 fn reading(c: &mut Criterion) {
     let folder = demo_folder();
     c.bench_function("reading the demo scene", |b| {
@@ -162,5 +192,5 @@ fn reading(c: &mut Criterion) {
     });
 }
 
-criterion_group!(benches, marching, root_search, depth_operation, training_step, extraction, reading);
+criterion_group!(benches, marching, root_search, depth_operation, training_step, extraction, lattices, reading);
 criterion_main!(benches);

@@ -102,12 +102,15 @@ pub fn finish(
 
     let judges = judging_views(scene, &views);
     let shown: Vec<&View> = spread(if judges.is_empty() { &views.train } else { &judges }, PREVIEW.0);
-    let sheet = preview_sheet(shader.as_ref(), &shown, PREVIEW.1);
+    // The sheet shows what the user takes home: the mesh, where there is one.
+    let mesh_shader = mesh.as_ref().map(MeshShader::new);
+    let taken_home = mesh_shader.as_ref().map_or(shader.as_ref(), |shader| shader as &dyn Shader);
+    let sheet = preview_sheet(taken_home, &shown, PREVIEW.1);
     dvr_core::files::write_rgb_png(&folder.preview(), &sheet)?;
     observer.progress(2, "preview");
 
     let held_out = agreement(shader.as_ref(), &judges, HELD_OUT_PIXELS);
-    let held_out_mesh = mesh.as_ref().and_then(|mesh| agreement(&MeshShader::new(mesh), &judges, HELD_OUT_PIXELS));
+    let held_out_mesh = mesh_shader.as_ref().and_then(|shader| agreement(shader, &judges, HELD_OUT_PIXELS));
     observer.progress(3, "held-out views");
     let empty = Mesh::default();
     let shape = evaluate_shape(mesh.as_ref().unwrap_or(&empty), &scene.ground_truth, method.seed())?;

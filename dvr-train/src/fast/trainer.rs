@@ -72,8 +72,12 @@ impl<'a> FastTrainer<'a> {
             (4.0 * f64::from(lattice.spacing()) * camera.intrinsics.x_axis.x.abs() / depth) as f32 + 1.0
         };
         let order = PixelOrder::new(&views.train, &masks, margin);
-        if order.len() == 0 {
-            return Err(Error::Config("no mask shows any object: there is nothing to train on".into()));
+        if order.len() == 0 || shape.active().count() == 0 {
+            return Err(Error::Config(
+                "the masks have no visual hull in common: no point of space is object in all of them. Check masks and \
+                 cameras with `dvr info`"
+                    .into(),
+            ));
         }
         let growth = Growth::plan(&config, &views);
         Ok(Self {
@@ -348,4 +352,37 @@ fn color_start(shape: &Levels<1>, mean: [f32; 3], config: &FastConfig) -> Levels
     let base = mean.repeat(lattice.len());
     // Two levels of colour: the finest and one coarser.
     Levels::new(active, base, 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use dvr_core::dataset::{ReadOptions, read_scene};
+    use dvr_core::mesh::{TexturedMesh, shapes};
+    use dvr_core::synth::{SynthConfig, render_dataset};
+
+    use super::*;
+
+    #[test]
+    fn a_field_does_not_depend_on_the_number_of_threads() {
+        let folder = tempfile::tempdir().unwrap();
+        let torus = TexturedMesh { mesh: shapes::torus(1.0, 0.45, 32, 16), ..TexturedMesh::default() };
+        let few = SynthConfig { views: 8, width: 32, height: 32, ..SynthConfig::default() };
+        render_dataset(&torus, "torus", "rings", folder.path(), &few, &|_, _| ()).unwrap();
+        let scene = read_scene(&folder.path().join("rings/torus"), &ReadOptions::default()).unwrap();
+        let field = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| {
+                let views = ViewSplit::new(&scene, 0).unwrap();
+                let config =
+                    FastConfig { steps: 20, capacity: super::super::Capacity::Cells(64), ..FastConfig::default() };
+                let mut trainer = FastTrainer::new(views, config).unwrap();
+                while trainer.steps_done() < trainer.total_steps() {
+                    trainer.step().unwrap();
+                }
+                trainer.state().unwrap()
+            })
+        };
+        let (one, three) = (field(1), field(3));
+        assert!(one.model == three.model && one.training == three.training, "bit for bit");
+    }
 }
