@@ -71,6 +71,22 @@ impl<const C: usize> Levels<C> {
         (&self.baked, gradient, active)
     }
 
+    /// Adds the gradient of half `weight` times the squared distance to `rest` at every active node. However small, it
+    /// moves what nothing else does: Adam's steps do not depend on a gradient's size.
+    pub fn pull_towards(&mut self, rest: [f32; C], weight: f32) {
+        let last = self.levels.len() - 1;
+        let Level { gradient, active, .. } = &mut self.levels[last];
+        let layer = C * active.lattice().nodes().pow(2);
+        let baked = &self.baked;
+        gradient.par_chunks_mut(layer).enumerate().for_each(|(z, gradient)| {
+            for &(start, length) in active.layer(z) {
+                for i in C * start as usize..C * (start + length) as usize {
+                    gradient[i - z * layer] += weight * (baked[i] - rest[i % C]);
+                }
+            }
+        });
+    }
+
     /// Parameters of all levels.
     pub fn parameters(&self) -> usize {
         self.levels.iter().map(|level| C * level.active.count()).sum()
@@ -202,6 +218,20 @@ mod tests {
         // Only the middle level moved: by its rate at its node, half of it half way to the next one.
         assert!((levels.baked()[middle] - 0.9).abs() < 1e-5);
         assert!((levels.baked()[lattice.index([5, 4, 4])] - 0.95).abs() < 1e-5);
+        assert_eq!(levels.baked()[0], 1.0, "not active");
+    }
+
+    #[test]
+    fn nodes_that_nothing_teaches_go_to_rest() {
+        let lattice = Lattice::new(9, 0.5);
+        let active = ActiveNodes::new(&lattice, |node| lattice.position(node).length() < 0.3);
+        let mut levels = Levels::<1>::new(active, vec![1.0; lattice.len()], 1);
+        for _ in 0..200 {
+            levels.gradient_mut().0.fill(0.0);
+            levels.pull_towards([0.7], 1e-3);
+            levels.step(|_| 5e-3);
+        }
+        assert!((levels.baked()[lattice.index([4, 4, 4])] - 0.7).abs() < 0.02);
         assert_eq!(levels.baked()[0], 1.0, "not active");
     }
 

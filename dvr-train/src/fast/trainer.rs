@@ -25,6 +25,10 @@ const HALF_EXTENT: f32 = 0.55;
 /// Pixels of held-out views that decide about growth.
 const JUDGING_PIXELS: usize = 30_000;
 
+/// Weight by which colours tend to the mean colour, against about one a ray that sees them: enough for what no ray sees,
+/// which would otherwise drift with the coarse levels.
+const COLOR_REST: f32 = 1e-5;
+
 /// Rays that a task follows.
 const CHUNK: usize = 64;
 
@@ -171,6 +175,7 @@ impl<'a> FastTrainer<'a> {
         }
         let (gradient, active) = self.color.gradient_mut();
         gather_color(&lessons, active, &self.color_active, gradient);
+        self.color.pull_towards(self.mean_color, COLOR_REST);
         let decay = self.decay();
         let config = &self.config;
         let rate = |first: f64, ratio: f64| move |level: usize| (first * decay * ratio.powi(level as i32)) as f32;
