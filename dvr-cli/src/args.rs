@@ -145,13 +145,13 @@ pub struct TrainArgs {
     /// How to reconstruct
     #[arg(long, visible_alias = "preset", value_enum, default_value_t = MethodName::Fast, help_heading = "Training")]
     pub method: MethodName,
-    /// How fine the field of `fast` may become: auto, or cells along an edge (a power of two, 16 to 512) [default: auto]
+    /// How fine the field of `fast` may become: auto, or cells along an edge (a power of two, 32 to 512) [default: auto]
     #[arg(long, value_parser = parse_capacity, value_name = "CELLS", help_heading = "Training")]
     pub capacity: Option<CapacityArg>,
     /// The stored field of `fast` may not take more than this, e.g. 32k or 1M
     #[arg(long, value_parser = parse_bytes, value_name = "BYTES", help_heading = "Training")]
     pub max_bytes: Option<usize>,
-    /// Optimiser steps [default: see --print-config]
+    /// Optimiser steps; with `fast`, of each stage [default: see --print-config]
     #[arg(long, value_name = "N", help_heading = "Training")]
     pub steps: Option<usize>,
     /// Stop training after this time, e.g. 90s, 10m, 2h
@@ -163,7 +163,7 @@ pub struct TrainArgs {
     /// JSON file with configuration values that replace the defaults
     #[arg(long, value_name = "FILE", help_heading = "Training")]
     pub config: Option<PathBuf>,
-    /// One configuration value, e.g. --set losses.normal=0.1; may be given several times
+    /// One configuration value, e.g. --set losses.roughness=1; may be given several times
     #[arg(long, value_name = "KEY=VALUE", help_heading = "Training")]
     pub set: Vec<String>,
     /// Print the configuration as JSON and stop
@@ -413,8 +413,8 @@ fn parse_capacity(text: &str) -> Result<CapacityArg, String> {
     if text == "auto" {
         return Ok(CapacityArg::Auto);
     }
-    let cells = text.parse::<usize>().ok().filter(|n| n.is_power_of_two() && (16..=512).contains(n));
-    cells.map(CapacityArg::Cells).ok_or_else(|| format!("{text:?}: write auto, or a power of two from 16 to 512"))
+    let cells = text.parse::<usize>().ok().filter(|n| n.is_power_of_two() && (32..=512).contains(n));
+    cells.map(CapacityArg::Cells).ok_or_else(|| format!("{text:?}: write auto, or a power of two from 32 to 512"))
 }
 
 /// Reads `32000`, `32k` or `1M`.

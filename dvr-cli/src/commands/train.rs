@@ -96,7 +96,7 @@ fn configuration(args: &TrainArgs) -> Result<Method> {
     let mut overrides = serde_json::json!({});
     for assignment in &args.set {
         let Some((key, value)) = assignment.split_once('=') else {
-            bail!("--set {assignment}: write KEY=VALUE, e.g. --set losses.color=0.5");
+            bail!("--set {assignment}: write KEY=VALUE, e.g. --set losses.roughness=1");
         };
         // What is no JSON is taken as a string, so that `--set occupancy_point=random` needs no quotes.
         let value = serde_json::from_str(value).unwrap_or_else(|_| serde_json::Value::String(value.to_owned()));
