@@ -48,12 +48,7 @@ impl Roughness {
                         if value.abs() > near {
                             continue;
                         }
-                        let around = values[node - 1]
-                            + values[node + 1]
-                            + values[node - nodes]
-                            + values[node + nodes]
-                            + values[node - plane]
-                            + values[node + plane];
+                        let around = neighbour_sum(values, node, nodes);
                         let laplacian = (around / 6.0 - value) / spacing;
                         slopes[node - z * plane] = laplacian.clamp(-knee, knee);
                         let size = laplacian.abs();
@@ -74,18 +69,25 @@ impl Roughness {
         gradient.par_chunks_mut(plane).enumerate().for_each(|(z, gradient)| {
             for &(start, length) in active.layer(z) {
                 for node in start as usize..(start + length) as usize {
-                    let around = slopes[node - 1]
-                        + slopes[node + 1]
-                        + slopes[node - nodes]
-                        + slopes[node + nodes]
-                        + slopes[node - plane]
-                        + slopes[node + plane];
+                    let around = neighbour_sum(slopes, node, nodes);
                     gradient[node - z * plane] += scale * (around / 6.0 - slopes[node]);
                 }
             }
         });
         (sum / count as f64) as f32
     }
+}
+
+/// Sum over the six neighbours of a node that is not on the border.
+#[inline]
+fn neighbour_sum(values: &[f32], node: usize, nodes: usize) -> f32 {
+    let plane = nodes * nodes;
+    values[node - 1]
+        + values[node + 1]
+        + values[node - nodes]
+        + values[node + nodes]
+        + values[node - plane]
+        + values[node + plane]
 }
 
 #[cfg(test)]

@@ -92,15 +92,16 @@ impl ScalarField for LatticeField {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use dvr_core::Camera;
     use dvr_render::render_view;
     use glam::DVec3;
 
     use super::*;
 
-    fn ball() -> LatticeField {
-        let (fine, coarse) = (Lattice::new(65, 0.55), Lattice::new(17, 0.55));
+    /// A ball of radius 0.3, coloured by position, with so many nodes along an edge.
+    pub(crate) fn ball(nodes: usize) -> LatticeField {
+        let (fine, coarse) = (Lattice::new(nodes, 0.55), Lattice::new(17, 0.55));
         let shape = (0..fine.len()).map(|i| 0.3 - fine.position(i).length()).collect();
         let color = (0..coarse.len()).flat_map(|i| (coarse.position(i) + 0.5).to_array()).collect();
         LatticeField::new(
@@ -112,7 +113,7 @@ mod tests {
     #[test]
     fn a_ball_is_seen_where_it_is_in_its_colours() {
         let camera = Camera::look_at(32, 32, 50.0, DVec3::new(0.0, 0.0, -2.0), DVec3::ZERO, DVec3::Y);
-        let field = ball();
+        let field = ball(65);
         let picture = render_view(&field, &camera);
         assert!((picture.depth.get(16, 16) - 1.7).abs() < 1e-3);
         let normal = Vec3::from(picture.normal.get_pixel(16, 16).0);
@@ -124,7 +125,7 @@ mod tests {
 
     #[test]
     fn the_scalar_field_is_that_of_the_lattice() {
-        let field = ball();
+        let field = ball(65);
         let points = [Vec3::new(0.1, 0.2, 0.05), Vec3::new(-0.3, 0.1, 0.2)];
         for ((point, logit), gradient) in
             points.iter().zip(field.logits(&points)).zip(field.gradients(&points).unwrap())

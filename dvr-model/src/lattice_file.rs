@@ -235,20 +235,11 @@ mod tests {
     use glam::Vec3;
 
     use super::*;
-
-    fn ball() -> LatticeField {
-        let (fine, coarse) = (Lattice::new(33, 0.55), Lattice::new(17, 0.55));
-        let shape = (0..fine.len()).map(|i| 0.3 - fine.position(i).length()).collect();
-        let color = (0..coarse.len()).flat_map(|i| (coarse.position(i) + 0.5).to_array()).collect();
-        LatticeField::new(
-            LatticeValues { lattice: fine, values: shape },
-            LatticeValues { lattice: coarse, values: color },
-        )
-    }
+    use crate::lattice_field::tests::ball;
 
     #[test]
     fn the_surface_and_its_colours_survive() {
-        let field = ball();
+        let field = ball(33);
         let bytes = to_bytes(&field).unwrap();
         assert!(bytes.len() < 8_000, "{} bytes", bytes.len());
         let read = from_bytes(&bytes).unwrap();
@@ -270,7 +261,7 @@ mod tests {
 
     #[test]
     fn damaged_bytes_are_refused() {
-        let bytes = to_bytes(&ball()).unwrap();
+        let bytes = to_bytes(&ball(33)).unwrap();
         assert!(from_bytes(&[]).is_err() && from_bytes(b"DVRX").is_err());
         for length in [10, HEADER, bytes.len() / 2, bytes.len() - 1] {
             assert!(from_bytes(&bytes[..length]).is_err(), "{length} bytes");

@@ -94,8 +94,10 @@ impl DisagreeingViews {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct FastLosses {
-    /// Colour of hits against their pixels, L1.
+    /// Colour of hits against their pixels, L1. Its gradient shapes the surface.
     pub color: f64,
+    /// The same with the surface held still: teaches the colour alone.
+    pub texture: f64,
     /// Colour of the pixel against other views' pictures at the hit, L1: what makes the surface right where it has texture.
     pub cross_view: f64,
     /// Cross-view residuals above this are taken for occlusion or highlights, and ignored.
@@ -125,6 +127,7 @@ impl Default for FastLosses {
     fn default() -> Self {
         Self {
             color: 1.0,
+            texture: 0.0,
             cross_view: 10.0,
             cross_view_limit: 0.5,
             structure: 1.0,
@@ -151,7 +154,15 @@ impl FastConfig {
     pub fn new(supervision: Supervision) -> Self {
         let losses = match supervision {
             Supervision::Rgb => FastLosses::default(),
-            Supervision::Depth => FastLosses { cross_view: 0.0, structure: 0.0, depth: 10.0, ..FastLosses::default() },
+            // The surface is the depth maps' business alone.
+            Supervision::Depth => FastLosses {
+                color: 0.0,
+                texture: 1.0,
+                cross_view: 0.0,
+                structure: 0.0,
+                depth: 10.0,
+                ..FastLosses::default()
+            },
             Supervision::RgbDepth => FastLosses { depth: 10.0, ..FastLosses::default() },
         };
         Self {
@@ -226,12 +237,13 @@ impl FastConfig {
             let range = "a power of two that leaves two levels of colour between coarsest_cells and first_cells";
             return fail("color_coarseness", self.color_coarseness.to_string(), range);
         }
-        if self.rays == 0 {
-            return fail("rays", "0".into(), "at least 1");
+        if self.rays == 0 || self.compared_views == 0 {
+            return fail("rays or compared_views", "0".into(), "at least 1");
         }
         let losses = &self.losses;
         let numbers = [
             ("losses.color", losses.color),
+            ("losses.texture", losses.texture),
             ("losses.cross_view", losses.cross_view),
             ("losses.cross_view_limit", losses.cross_view_limit),
             ("losses.structure", losses.structure),

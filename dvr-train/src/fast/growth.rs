@@ -1,5 +1,6 @@
 //! No more model than the scene needs: when the lattices grow, and when growth is taken back.
 
+use dvr_core::UnitCube;
 use serde::{Deserialize, Serialize};
 
 use super::config::{Capacity, FastConfig};
@@ -43,7 +44,7 @@ impl Growth {
         let limit = match config.capacity {
             Capacity::Cells(cells) => cells,
             Capacity::Auto { max_cells, .. } => {
-                let useful = 1.1 / (FINEST_CELL * median_footprint(views));
+                let useful = 2.0 * UnitCube::default().half_extent() / (FINEST_CELL * median_footprint(views));
                 max_cells.min(useful as usize)
             }
         };

@@ -57,15 +57,9 @@ impl<const C: usize> Levels<C> {
         &self.baked
     }
 
-    /// The gradient by the baked values, to be written before [`Levels::step`], and the nodes at which it counts.
-    pub fn gradient_mut(&mut self) -> (&mut [f32], &ActiveNodes) {
-        let last = self.levels.len() - 1;
-        let Level { gradient, active, .. } = &mut self.levels[last];
-        (gradient, active)
-    }
-
-    /// The same, and the values at the finest nodes.
-    pub fn baked_and_gradient_mut(&mut self) -> (&[f32], &mut [f32], &ActiveNodes) {
+    /// The values at the finest nodes, the gradient by them, to be written before [`Levels::step`], and the nodes at which
+    /// it counts.
+    pub fn values_and_gradient_mut(&mut self) -> (&[f32], &mut [f32], &ActiveNodes) {
         let last = self.levels.len() - 1;
         let Level { gradient, active, .. } = &mut self.levels[last];
         (&self.baked, gradient, active)
@@ -74,10 +68,8 @@ impl<const C: usize> Levels<C> {
     /// Adds the gradient of half `weight` times the squared distance to `rest` at every active node. However small, it
     /// moves what nothing else does: Adam's steps do not depend on a gradient's size.
     pub fn pull_towards(&mut self, rest: [f32; C], weight: f32) {
-        let last = self.levels.len() - 1;
-        let Level { gradient, active, .. } = &mut self.levels[last];
+        let (baked, gradient, active) = self.values_and_gradient_mut();
         let layer = C * active.lattice().nodes().pow(2);
-        let baked = &self.baked;
         gradient.par_chunks_mut(layer).enumerate().for_each(|(z, gradient)| {
             for &(start, length) in active.layer(z) {
                 for i in C * start as usize..C * (start + length) as usize {
@@ -213,7 +205,7 @@ mod tests {
         let active = ActiveNodes::new(&lattice, |node| lattice.position(node).length() < 0.3);
         let mut levels = Levels::<1>::new(active, vec![1.0; lattice.len()], 2);
         let middle = lattice.index([4, 4, 4]);
-        levels.gradient_mut().0[middle] = 1.0;
+        levels.values_and_gradient_mut().1[middle] = 1.0;
         levels.step(|level| if level == 1 { 0.1 } else { 0.0 });
         // Only the middle level moved: by its rate at its node, half of it half way to the next one.
         assert!((levels.baked()[middle] - 0.9).abs() < 1e-5);
@@ -227,7 +219,7 @@ mod tests {
         let active = ActiveNodes::new(&lattice, |node| lattice.position(node).length() < 0.3);
         let mut levels = Levels::<1>::new(active, vec![1.0; lattice.len()], 1);
         for _ in 0..200 {
-            levels.gradient_mut().0.fill(0.0);
+            levels.values_and_gradient_mut().1.fill(0.0);
             levels.pull_towards([0.7], 1e-3);
             levels.step(|_| 5e-3);
         }
@@ -242,7 +234,7 @@ mod tests {
             |lattice: &Lattice, radius: f32| ActiveNodes::new(lattice, |node| lattice.position(node).length() < radius);
         let mut levels = Levels::<1>::new(near(&coarse, 0.4), vec![0.0; coarse.len()], 1);
         for node in 0..coarse.len() {
-            levels.gradient_mut().0[node] = ((node * 7919) % 13) as f32 - 6.0;
+            levels.values_and_gradient_mut().1[node] = ((node * 7919) % 13) as f32 - 6.0;
         }
         levels.step(|_| 0.1);
         // Well inside the band: at its border nodes become active that were not.

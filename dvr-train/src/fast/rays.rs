@@ -97,7 +97,7 @@ impl Scene<'_> {
         let residual = color - pixel.color;
         let sign = residual.signum();
         let mut by_depth = losses.color as f32 * sign.dot(along);
-        let by_color = losses.color as f32 * sign;
+        let by_color = (losses.color + losses.texture) as f32 * sign;
         tally.color += f64::from(residual.abs().element_sum());
 
         if losses.cross_view > 0.0 || losses.structure > 0.0 {
@@ -134,12 +134,14 @@ impl Scene<'_> {
         seed: u64,
         tally: &mut Tally,
     ) -> f32 {
-        let neighbours = &self.views[pixel.view as usize].neighbours;
+        let own = &self.views[pixel.view as usize];
+        let neighbours = &own.neighbours;
         if neighbours.is_empty() {
             return 0.0;
         }
         let losses = self.losses;
-        let patch = (losses.structure > 0.0).then(|| self.patch(pixel, origin, point, inward)).flatten();
+        let patch = || Patch::on_plane(own, pixel.pixel, losses.structure_stride, origin, point, inward);
+        let patch = if losses.structure > 0.0 { patch() } else { None };
         let mut by_depth = 0.0;
         let first = mix(seed) as usize;
         for k in 0..self.compared_views.min(neighbours.len()) {
@@ -169,14 +171,6 @@ impl Scene<'_> {
             }
         }
         by_depth / self.compared_views as f32
-    }
-
-    /// The patch around a pixel on the plane of the surface at `point`.
-    fn patch(&self, pixel: &PixelRay, origin: Vec3, point: Vec3, inward: Vec3) -> Option<Patch> {
-        let view = &self.views[pixel.view as usize];
-        let [u, v] = pixel.pixel;
-        let stride = self.losses.structure_stride;
-        Patch::on_plane(view, [u, v], stride, origin, point, inward)
     }
 
     /// A ray that hits though its pixel shows background (`sign` 1), or misses though it shows the object (-1): the

@@ -107,6 +107,7 @@ impl Fixture {
 fn nothing() -> FastLosses {
     FastLosses {
         color: 0.0,
+        texture: 0.0,
         cross_view: 0.0,
         structure: 0.0,
         depth: 0.0,

@@ -14,19 +14,16 @@ const BAND_CELLS: f32 = 2.5;
 /// around it. What lies outside stays outside.
 pub(super) fn hull_start(masks: &[MaskDistance], lattice: &Lattice, disagreeing: usize) -> (Vec<f32>, ActiveNodes) {
     let last = lattice.nodes() - 1;
+    let on_border = |node: usize| lattice.coordinates(node).iter().any(|&c| c == 0 || c == last);
     let distances: Vec<f32> = (0..lattice.len())
         .into_par_iter()
         .map(|node| {
             let distance = hull_distance(masks, lattice.position(node), REACH, disagreeing);
             // The border of the cube is outside: a surface is closed there.
-            let on_border = lattice.coordinates(node).iter().any(|&c| c == 0 || c == last);
-            if on_border { distance.min(-0.5 * lattice.spacing()) } else { distance }
+            if on_border(node) { distance.min(-0.5 * lattice.spacing()) } else { distance }
         })
         .collect();
     let band = BAND_CELLS * lattice.spacing();
-    let active = ActiveNodes::new(lattice, |node| {
-        let on_border = lattice.coordinates(node).iter().any(|&c| c == 0 || c == last);
-        distances[node] > -band && !on_border
-    });
+    let active = ActiveNodes::new(lattice, |node| distances[node] > -band && !on_border(node));
     (distances, active)
 }

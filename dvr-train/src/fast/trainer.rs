@@ -1,5 +1,6 @@
 //! The fast trainer: lattices, exact crossings, gradients by hand.
 
+use dvr_core::UnitCube;
 use dvr_core::hull::MaskDistance;
 use dvr_kernels::{ActiveNodes, Lattice, Roughness, SignMap};
 use dvr_model::{LatticeField, LatticeValues, lattice_file};
@@ -18,9 +19,6 @@ use crate::error::{Error, Result};
 use crate::learner::Learner;
 use crate::trainer::{StepReport, ViewSplit};
 use crate::validate::{Agreement, agreement};
-
-/// Half the edge of the cube that lattices cover: that of the padded unit cube.
-const HALF_EXTENT: f32 = 0.55;
 
 /// Pixels of held-out views that decide about growth.
 const JUDGING_PIXELS: usize = 30_000;
@@ -64,7 +62,7 @@ impl<'a> FastTrainer<'a> {
         let masks: Vec<MaskDistance> =
             views.train.par_iter().map(|view| MaskDistance::new(&view.camera, &view.mask)).collect();
         let packed = FastView::pack(&views.train, config.neighbours);
-        let lattice = Lattice::new(config.first_cells + 1, HALF_EXTENT);
+        let lattice = padded_cube(config.first_cells);
         let shape = shape_start(&masks, &lattice, &config);
         let map = SignMap::new(&lattice, shape.baked());
         let mean_color = mean_object_color(&views.train).to_array();
@@ -72,7 +70,7 @@ impl<'a> FastTrainer<'a> {
         // Pixels whose rays come as close to the object as the band around the hull.
         let margin = |view: usize| {
             let camera = &views.train[view].camera;
-            let depth = camera.center().length().max(f64::from(HALF_EXTENT));
+            let depth = camera.center().length().max(UnitCube::default().half_extent());
             (4.0 * f64::from(lattice.spacing()) * camera.intrinsics.x_axis.x.abs() / depth) as f32 + 1.0
         };
         let order = PixelOrder::new(&views.train, &masks, margin);
@@ -163,17 +161,16 @@ impl<'a> FastTrainer<'a> {
     /// One step: rays to lessons, lessons to gradients, gradients to parameters.
     fn follow_rays(&mut self) -> StepReport {
         let (lessons, tally) = self.lessons();
-        let (gradient, active) = self.shape.gradient_mut();
+        let (values, gradient, active) = self.shape.values_and_gradient_mut();
         gather_shape(&lessons, active, &self.shape_active, gradient);
         let losses = &self.config.losses;
         let mut roughness = 0.0;
         if losses.roughness > 0.0 {
             // Losses are sums over rays; this one is a mean over nodes.
             let weight = (losses.roughness * self.config.rays as f64) as f32;
-            let (values, gradient, active) = self.shape.baked_and_gradient_mut();
             roughness = self.roughness.add_gradient(values, gradient, active, weight, losses.roughness_knee as f32);
         }
-        let (gradient, active) = self.color.gradient_mut();
+        let (_, gradient, active) = self.color.values_and_gradient_mut();
         gather_color(&lessons, active, &self.color_active, gradient);
         self.color.pull_towards(self.mean_color, COLOR_REST);
         let decay = self.decay();
@@ -231,7 +228,7 @@ impl<'a> FastTrainer<'a> {
     fn refine(&mut self) {
         self.stage += 1;
         let cells = 2 * self.shape.lattice().cells();
-        let lattice = Lattice::new(cells + 1, HALF_EXTENT);
+        let lattice = padded_cube(cells);
         let disagreeing = self.config.disagreeing_views.of(self.masks.len());
         let (base, active) = hull_start(&self.masks, &lattice, disagreeing);
         self.shape = self.shape.refined(active, base);
@@ -252,6 +249,7 @@ impl<'a> FastTrainer<'a> {
         let mean = 1.0 / self.config.rays as f64;
         let terms = vec![
             ("color", losses.color * tally.color * mean),
+            ("texture", losses.texture * tally.color * mean),
             ("cross_view", losses.cross_view * tally.cross_view * mean / self.config.compared_views.max(1) as f64),
             ("structure", losses.structure * tally.structure * mean / self.config.compared_views.max(1) as f64),
             ("depth", losses.depth * tally.depth * mean),
@@ -276,7 +274,7 @@ impl Learner for FastTrainer<'_> {
         if !report.loss.is_finite() {
             return Err(Error::Diverged { step: report.step, value: report.loss });
         }
-        if self.step == (self.stage + 1) * self.config.steps {
+        if self.step == self.config.steps.saturating_mul(self.stage + 1) {
             self.end_stage()?;
         }
         Ok(report)
@@ -287,7 +285,7 @@ impl Learner for FastTrainer<'_> {
     }
 
     fn total_steps(&self) -> usize {
-        if self.finished { self.step } else { self.config.steps * self.growth.stages() }
+        if self.finished { self.step } else { self.config.steps.saturating_mul(self.growth.stages()) }
     }
 
     fn validate(&self, pixels: usize) -> Option<Agreement> {
@@ -331,6 +329,11 @@ impl Learner for FastTrainer<'_> {
     fn notes(&mut self) -> Vec<String> {
         std::mem::take(&mut self.notes)
     }
+}
+
+/// The lattice of so many cells along the edge of the padded unit cube.
+fn padded_cube(cells: usize) -> Lattice {
+    Lattice::new(cells + 1, UnitCube::default().half_extent() as f32)
 }
 
 /// Whether each node of the lattice is in the set.
