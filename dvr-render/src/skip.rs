@@ -2,7 +2,7 @@
 
 use burn::tensor::{Tensor, TensorData};
 use dvr_core::{Ray, UnitCube};
-use glam::DVec3;
+use dvr_kernels::{Lattice, Walk};
 use rayon::prelude::*;
 
 use crate::field::{Field, Query};
@@ -53,37 +53,16 @@ impl SkipGrid {
 
     /// Ray depths between which the ray may meet the object, within the cube; `None` where it cannot.
     pub fn interval(&self, ray: &Ray) -> Option<(f64, f64)> {
-        let (entry, exit) = self.cube.intersect(ray)?;
-        let mut found: Option<(f64, f64)> = None;
-        let size = 2.0 * self.cube.half_extent() / self.cells as f64;
-        let last = self.cells as i64 - 1;
-        let start = (ray.at(entry) + DVec3::splat(self.cube.half_extent())) / size;
-        let mut cell = [0usize, 1, 2].map(|axis| (start[axis].floor() as i64).clamp(0, last));
-        // Amanatides and Woo (1987): depths at which the ray leaves the current cell through each axis.
-        let step = [0usize, 1, 2].map(|axis| if ray.direction[axis] < 0.0 { -1i64 } else { 1 });
-        let boundary = |cell: i64, axis: usize| {
-            let plane = (cell + i64::from(step[axis] > 0)) as f64 * size - self.cube.half_extent();
-            match ray.direction[axis] {
-                0.0 => f64::INFINITY,
-                direction => (plane - ray.origin[axis]) / direction,
-            }
-        };
-        let mut next = [0usize, 1, 2].map(|axis| boundary(cell[axis], axis));
-        let mut depth = entry;
-        loop {
-            let axis = (0..3).min_by(|&a, &b| next[a].total_cmp(&next[b])).unwrap_or(0);
-            let leave = next[axis].min(exit);
-            let index = (cell[0] as usize * self.cells + cell[1] as usize) * self.cells + cell[2] as usize;
-            if self.marked[index] {
-                found = Some((found.map_or(depth, |(first, _)| first), leave));
-            }
-            depth = leave;
-            cell[axis] += step[axis];
-            if next[axis] >= exit || cell[axis] < 0 || cell[axis] > last {
-                return found;
-            }
-            next[axis] = boundary(cell[axis], axis);
-        }
+        let lattice = Lattice::new(self.cells + 1, self.cube.half_extent() as f32);
+        let walk = Walk::new(&lattice, ray.origin.as_vec3(), ray.direction.as_vec3(), 0.0, f32::INFINITY)?;
+        let marked = walk.filter(|segment| {
+            let [x, y, z] = segment.cell;
+            self.marked[(x * self.cells + y) * self.cells + z]
+        });
+        marked.fold(None, |found: Option<(f64, f64)>, segment| {
+            let first = found.map_or(f64::from(segment.enter), |(first, _)| first);
+            Some((first, f64::from(segment.leave)))
+        })
     }
 
     /// Share of the cells that are marked.
@@ -113,6 +92,8 @@ fn dilated(cells: &[bool], n: usize) -> Vec<bool> {
 
 #[cfg(test)]
 mod tests {
+    use glam::DVec3;
+
     use burn::tensor::Device;
 
     use super::*;
