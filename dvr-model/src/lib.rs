@@ -25,10 +25,12 @@
 
 mod decoder;
 mod encoding;
+mod fused;
 mod lattice_field;
 pub mod lattice_file;
 mod record;
 
 pub use decoder::{Conditioned, Decoder, DecoderConfig, ResnetBlock};
+pub use fused::FusedDecoder;
 pub use lattice_field::{LatticeField, LatticeValues};
 pub use record::{FORMAT_VERSION, RecordError, from_safetensors, load_safetensors, save_safetensors, to_safetensors};

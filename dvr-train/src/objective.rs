@@ -1,7 +1,8 @@
 //! One training step's loss: march without gradient, put the hits on the graph, compare with the pixels.
 
 use burn::tensor::{Device, IndexingUpdateOp, Int, Tensor, TensorData};
-use dvr_render::{Field, Hits, March, MarchSettings, Marcher, Query, Rays, Surface, TensorMarcher, axis_direction};
+use dvr_render::extract::FieldSurface;
+use dvr_render::{Field, Hits, March, MarchSettings, Query, Rays, Surface, axis_direction};
 use rand::Rng;
 
 use crate::batch::PixelBatch;
@@ -122,7 +123,7 @@ pub fn sparse_depth_loss(
     step: usize,
 ) -> Option<Tensor<1>> {
     let device = frozen.device();
-    let hits = TensorMarcher::new(frozen, march_settings(config, step)).march(rays, None).hits?;
+    let hits = FieldSurface::new(frozen).marcher(march_settings(config, step)).march(rays, None).hits?;
     let truth = floats(z_depth, &device).select(0, hits.index.clone());
     let depth = Surface::on_graph(field, frozen, &hits, config.slope).depth;
     let weight = config.losses.sparse_depth / z_depth.len() as f64;
@@ -209,7 +210,7 @@ fn search(frozen: &impl Field, batch: &PixelBatch, noise: &StepNoise, settings: 
     }
     let at = indices(&batch.searched, &frozen.device());
     let jitter = noise.jitter.as_ref().map(|jitter| floats(jitter, &frozen.device()).select(0, at.clone()));
-    Some(TensorMarcher::new(frozen, settings).march(&batch.rays.select(&at), jitter))
+    Some(FieldSurface::new(frozen).marcher(settings).march(&batch.rays.select(&at), jitter))
 }
 
 /// A random depth between each ray's entry into the cube and its exit, `[n]`.
