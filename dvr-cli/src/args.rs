@@ -38,6 +38,8 @@ pub enum Command {
     Render(RenderArgs),
     /// Measure a run or a mesh: shape against ground truth, pictures against held-out views
     Eval(EvalArgs),
+    /// Compare methods, or variants of one, on scenes: quality, time, memory and bytes with their spread over seeds
+    Bench(BenchArgs),
     /// Render meshes into a ShapeNet-style dataset with images, masks, depth, cameras and ground truth
     Synth(SynthArgs),
     /// Write the network of a run as safetensors, with PyTorch names and layout
@@ -351,6 +353,57 @@ pub struct EvalArgs {
     pub reading: SceneArgs,
 }
 
+/// Arguments of `dvr bench`.
+#[derive(Args, Debug)]
+pub struct BenchArgs {
+    /// Folders (or cameras files) of the scenes
+    #[arg(required = true)]
+    pub scenes: Vec<PathBuf>,
+    /// Folder for results.json, results.csv, table.md and the runs; runs that are there already are not repeated
+    #[arg(long, short, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Methods to compare, as `dvr train --method` takes them; separate with commas
+    #[arg(long, value_enum, value_delimiter = ',', default_values_t = [MethodName::Hull, MethodName::Fast], value_name = "METHOD")]
+    pub methods: Vec<MethodName>,
+    /// A variant of `fast` with a name and other settings, e.g. no-cross-view:losses.cross_view=0,losses.structure=0; may be
+    /// given several times
+    #[arg(long, value_parser = parse_variant, value_name = "NAME:KEY=VALUE")]
+    pub variant: Vec<Variant>,
+    /// What teaches the shape: rgb, depth, rgb+depth; separate with commas
+    #[arg(long, value_delimiter = ',', default_value = "rgb", value_name = "WHAT")]
+    pub supervision: Vec<Supervision>,
+    /// Seeds from 0 on
+    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u64).range(1..=100), value_name = "N")]
+    pub seeds: u64,
+    /// Stop each training after this time, e.g. 10m
+    #[arg(long, value_parser = parse_duration, value_name = "TIME")]
+    pub time: Option<Duration>,
+    /// Results from elsewhere, to stand in the same table: a results.json, or a list of {scene, method, seconds, chamfer_l1, ...}
+    #[arg(long, value_name = "FILE")]
+    pub overlay: Vec<PathBuf>,
+}
+
+impl BenchArgs {
+    /// What is compared: the methods, then the variants.
+    pub fn variants(&self) -> Vec<Variant> {
+        let name = |method: &MethodName| method.to_possible_value().map(|value| value.get_name().to_owned());
+        let methods = self.methods.iter().filter_map(name);
+        let methods = methods.map(|name| Variant { method: name.clone(), name, settings: Vec::new() });
+        methods.chain(self.variant.iter().cloned()).collect()
+    }
+}
+
+/// A method with some of its settings changed.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Variant {
+    /// What it is called in tables.
+    pub name: String,
+    /// The method.
+    pub method: String,
+    /// `KEY=VALUE`, as `--set` takes them.
+    pub settings: Vec<String>,
+}
+
 /// Arguments of `dvr synth`.
 #[derive(Args, Debug)]
 pub struct SynthArgs {
@@ -400,6 +453,18 @@ fn parse_duration(text: &str) -> Result<Duration, String> {
     };
     let seconds: f64 = number.parse().map_err(|_| format!("{text:?} is no time; write 90s, 10m or 2h"))?;
     Duration::try_from_secs_f64(seconds * factor).map_err(|e| format!("{text:?}: {e}"))
+}
+
+/// Reads `name:key=value,key=value`.
+fn parse_variant(text: &str) -> Result<Variant, String> {
+    let error = || format!("{text:?} is no variant; write NAME:KEY=VALUE, e.g. no-texture:losses.texture=0");
+    let (name, settings) = text.split_once(':').ok_or_else(error)?;
+    let settings: Vec<String> = settings.split(',').map(str::to_owned).collect();
+    let sound = !name.is_empty() && name.chars().all(|c| c.is_alphanumeric() || "-_".contains(c));
+    if !sound || settings.iter().any(|setting| !setting.contains('=')) {
+        return Err(error());
+    }
+    Ok(Variant { name: name.to_owned(), method: "fast".to_owned(), settings })
 }
 
 /// Reads a share from 0 to 1.
@@ -456,6 +521,9 @@ mod tests {
         assert!(parse_duration("soon").is_err() && parse_duration("-1s").is_err());
         assert_eq!(parse_size("320x240"), Ok((320, 240)));
         assert_eq!(parse_capacity("64"), Ok(CapacityArg::Cells(64)));
+        let variant = parse_variant("rough:losses.roughness=0,rays=99").unwrap();
+        assert_eq!((variant.name.as_str(), variant.settings.len()), ("rough", 2));
+        assert!(parse_variant("rough").is_err() && parse_variant("a/b:x=1").is_err() && parse_variant("a:b").is_err());
         assert!(parse_capacity("65").is_err() && parse_capacity("much").is_err());
         assert_eq!((parse_bytes("32k"), parse_bytes("1M")), (Ok(32_000), Ok(1_000_000)));
         assert!(parse_bytes("k").is_err() && parse_bytes("0").is_err());

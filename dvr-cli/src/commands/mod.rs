@@ -1,5 +1,6 @@
 //! The commands: each reads its arguments, calls the library and prints.
 
+pub mod bench;
 pub mod eval;
 pub mod export;
 pub mod info;
