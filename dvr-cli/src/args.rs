@@ -210,6 +210,15 @@ pub enum Colors {
     Field,
 }
 
+/// How the surface is made triangles.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum ContourName {
+    /// Marching cubes: smooth, corners and creases are cut off by up to a cell
+    MarchingCubes,
+    /// Dual contouring: keeps corners and creases of the field; may intersect itself at thin or noisy parts
+    Dual,
+}
+
 /// How a mesh is extracted.
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Mesh")]
@@ -217,6 +226,9 @@ pub struct MeshingArgs {
     /// Grid cells along an edge of the object's cube
     #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(8..=2048), value_name = "N")]
     pub resolution: u32,
+    /// How the surface is made triangles; the mesh is watertight either way
+    #[arg(long, value_enum, default_value_t = ContourName::MarchingCubes)]
+    pub contour: ContourName,
     /// Drop pieces smaller than this share of the largest piece's area; 0 keeps everything
     #[arg(long, default_value_t = 0.01, value_name = "SHARE")]
     pub min_piece: f64,

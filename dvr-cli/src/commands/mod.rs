@@ -14,10 +14,10 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 use dvr_core::Scene;
 use dvr_core::dataset::{Normalise, ReadOptions, read_scene};
-use dvr_render::extract::ExtractSettings;
+use dvr_render::extract::{Contour, ExtractSettings};
 use dvr_train::{Checkpoint, ColorSource, MeshOptions, RunFolder};
 
-use crate::args::{Colors, MeshingArgs};
+use crate::args::{Colors, ContourName, MeshingArgs};
 
 /// The checkpoint of a run's folder, or the checkpoint that is given itself.
 pub fn load_run(path: &Path) -> Result<Checkpoint> {
@@ -41,6 +41,10 @@ pub fn mesh_options(args: &MeshingArgs) -> MeshOptions {
     let extraction = ExtractSettings {
         resolution: args.resolution as usize,
         upsampling_steps,
+        contour: match args.contour {
+            ContourName::MarchingCubes => Contour::MarchingCubes,
+            ContourName::Dual => Contour::Dual,
+        },
         min_component_share: args.min_piece,
         ..ExtractSettings::default()
     };
