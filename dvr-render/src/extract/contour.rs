@@ -98,7 +98,7 @@ fn dual_contouring<F: ScalarField + ?Sized>(
     evaluations.normals = std::mem::take(&mut sampler.evaluations);
 
     let mut vertices = dual.vertices(&lattice, &normals);
-    let mut normals = dual.normal_sums(&normals);
+    let mut normals = dual.vertex_normals(&normals);
     let mut faces = dual.triangles(&vertices, &normals);
     let (components, dropped_components) = retain_large(&vertices, &mut faces, settings.min_component_share);
     let kept = compact(&mut faces, vertices.len());
@@ -107,8 +107,8 @@ fn dual_contouring<F: ScalarField + ?Sized>(
     normals = match settings.normals {
         NormalSource::Faces => of_faces,
         NormalSource::Field => {
-            let sums = select(&normals, &kept);
-            sums.iter().zip(of_faces).map(|(sum, fallback)| sum.try_normalize().unwrap_or(fallback)).collect()
+            let means = select(&normals, &kept).into_iter().zip(of_faces);
+            means.map(|(mean, of_faces)| if mean == Vec3::ZERO { of_faces } else { mean }).collect()
         }
     };
     let cut = kept.iter().filter(|&&vertex| dual.is_on_border(&lattice, vertex)).count();

@@ -84,10 +84,14 @@ impl DualMesh {
         self.patches.par_iter().enumerate().with_min_len(256).map(place).collect()
     }
 
-    /// The sum of the normals at each vertex's crossings.
-    pub fn normal_sums(&self, normals: &[Vec3]) -> Vec<Vec3> {
-        let sum = |vertex| self.members_of(vertex).iter().map(|&member| normals[member as usize]).sum();
-        (0..self.patches.len()).into_par_iter().with_min_len(256).map(sum).collect()
+    /// The mean direction of the normals at each vertex's crossings; zero where they cancel.
+    pub fn vertex_normals(&self, normals: &[Vec3]) -> Vec<Vec3> {
+        let sum = |vertex| self.members_of(vertex).iter().map(|&member| normals[member as usize]).sum::<Vec3>();
+        (0..self.patches.len())
+            .into_par_iter()
+            .with_min_len(256)
+            .map(|vertex| sum(vertex).normalize_or_zero())
+            .collect()
     }
 
     /// The crossings of a vertex's patch.
