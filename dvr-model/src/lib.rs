@@ -26,11 +26,14 @@
 mod decoder;
 mod encoding;
 mod fused;
+mod lattice_decoder;
 mod lattice_field;
 pub mod lattice_file;
+mod lattice_op;
 mod record;
 
 pub use decoder::{Conditioned, Decoder, DecoderConfig, ResnetBlock};
 pub use fused::FusedDecoder;
+pub use lattice_decoder::{LatticeDecoder, LatticeDecoderConfig};
 pub use lattice_field::{LatticeField, LatticeValues};
 pub use record::{FORMAT_VERSION, RecordError, from_safetensors, load_safetensors, save_safetensors, to_safetensors};
