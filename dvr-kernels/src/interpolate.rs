@@ -193,7 +193,7 @@ fn lerp<T: Real>(a: T, b: T, t: T) -> T {
 /// When there are not as many values as nodes.
 pub fn interpolate<T: Real, const C: usize>(lattice: &Lattice, values: &[[T; C]], points: &[[T; 3]]) -> Vec<[T; C]> {
     let grid = checked(lattice, values);
-    per_point(points.len(), |i| {
+    per_point(points.len(), [T::default(); C], |i| {
         let place = grid.place(&points[i]);
         weighted(&grid, values, place.node, &place.weights())
     })
@@ -210,7 +210,7 @@ pub fn interpolate_jet<T: Real, const C: usize>(
     directions: &[[T; 3]],
 ) -> Vec<[[T; C]; 2]> {
     let grid = checked(lattice, values);
-    per_point(points.len(), |i| {
+    per_point(points.len(), [[T::default(); C]; 2], |i| {
         let place = grid.place(&points[i]);
         [place.weights(), place.slopes(&directions[i])].map(|weights| weighted(&grid, values, place.node, &weights))
     })
@@ -227,7 +227,7 @@ pub fn points_gradient<T: Real, const C: usize>(
     gradient: &[[T; C]],
 ) -> Vec<[T; 3]> {
     let grid = checked(lattice, values);
-    per_point(points.len(), |i| {
+    per_point(points.len(), [T::default(); 3], |i| {
         let place = grid.place(&points[i]);
         place.gradient(&place.corners(&grid, values, &gradient[i]))
     })
@@ -246,7 +246,7 @@ pub fn jet_points_gradient<T: Real, const C: usize>(
     gradient: &[[[T; C]; 2]],
 ) -> Vec<[[T; 3]; 2]> {
     let grid = checked(lattice, values);
-    per_point(points.len(), |i| {
+    per_point(points.len(), [[T::default(); 3]; 2], |i| {
         let place = grid.place(&points[i]);
         let [by_value, by_derivative] = gradient[i].map(|by| place.corners(&grid, values, &by));
         let (first, second) = (place.gradient(&by_value), place.second_derivative(&by_derivative, &directions[i]));
@@ -300,18 +300,19 @@ fn weighted<T: Real, const C: usize>(grid: &Grid<T>, values: &[[T; C]], node: us
     sum
 }
 
-/// One answer a point, chunks of points in parallel, compiled for the instruction set at hand.
-fn per_point<O: Copy + Send + Sync>(count: usize, answer: impl Fn(usize) -> O + Sync) -> Vec<O> {
+/// One answer a point, chunks of points in parallel, compiled for the instruction set at hand; `blank` is overwritten.
+fn per_point<O: Copy + Send + Sync>(count: usize, blank: O, answer: impl Fn(usize) -> O + Sync) -> Vec<O> {
     let arch = Arch::new();
-    let chunk = |first: usize| {
-        let mut answers = Vec::with_capacity(CHUNK);
-        arch.dispatch(|| answers.extend((first..(first + CHUNK).min(count)).map(&answer)));
-        answers
-    };
-    if count <= CHUNK {
-        return chunk(0);
-    }
-    (0..count.div_ceil(CHUNK)).into_par_iter().flat_map_iter(|index| chunk(CHUNK * index)).collect()
+    let mut answers = vec![blank; count];
+    answers.par_chunks_mut(CHUNK).enumerate().for_each(|(chunk, answers)| {
+        arch.dispatch(|| {
+            (CHUNK * chunk..).zip(answers.iter_mut()).for_each(
+                #[inline(always)]
+                |(point, blank)| *blank = answer(point),
+            );
+        });
+    });
+    answers
 }
 
 /// Adds what `corners` says of the eight corners of each point's cell.
@@ -325,7 +326,7 @@ fn scatter_by<T: Real, const C: usize>(
 ) -> Vec<[T; C]> {
     let grid = Grid::<T>::new(lattice);
     let plane = grid.nodes * grid.nodes;
-    let layers: Vec<u32> = per_point(points.len(), |i| (grid.place(&points[i]).node / plane) as u32);
+    let layers: Vec<u32> = per_point(points.len(), 0, |i| (grid.place(&points[i]).node / plane) as u32);
     // Where each layer's points begin in their order.
     let mut starts = vec![0usize; grid.nodes + 1];
     layers.iter().for_each(|&layer| starts[layer as usize + 1] += 1);
