@@ -30,7 +30,16 @@ pub(super) struct Silhouette {
     pool: u32,
     /// Width and height in pooled pixels.
     size: [usize; 2],
-    /// `(width + 1) * (height + 1)` counts of object pixels above and left.
+    sums: SummedArea,
+}
+
+/// Counts of object pixels, kept for the smallest window that holds them all.
+struct SummedArea {
+    /// First column and row of the window, in pooled pixels.
+    origin: [usize; 2],
+    /// Columns and rows of the window.
+    size: [usize; 2],
+    /// `(columns + 1) * (rows + 1)` counts of object pixels above and left.
     sums: Vec<u32>,
 }
 
@@ -60,7 +69,7 @@ impl Silhouette {
             frame: [f64::from(width), f64::from(height)],
             pool,
             size,
-            sums: summed_area_table(mask, pool, size),
+            sums: SummedArea::new(mask, pool, size),
         })
     }
 
@@ -126,7 +135,7 @@ impl Silhouette {
     }
 
     fn count(&self, x: std::ops::Range<usize>, y: std::ops::Range<usize>) -> u32 {
-        let at = |x: usize, y: usize| self.sums[y * (self.size[0] + 1) + x];
+        let at = |x: usize, y: usize| self.sums.above_and_left(x, y);
         at(x.end, y.end) + at(x.start, y.start) - at(x.end, y.start) - at(x.start, y.end)
     }
 
@@ -141,20 +150,35 @@ impl Silhouette {
     }
 }
 
-fn summed_area_table(mask: &Mask, pool: u32, [width, height]: [usize; 2]) -> Vec<u32> {
-    let mut object = vec![false; width * height];
-    for (x, y, _) in mask.coverage.enumerate_pixels() {
-        object[(y / pool) as usize * width + (x / pool) as usize] |= mask.is_object(x, y);
-    }
-    let mut sums = vec![0; (width + 1) * (height + 1)];
-    for y in 0..height {
-        let mut row = 0;
-        for x in 0..width {
-            row += u32::from(object[y * width + x]);
-            sums[(y + 1) * (width + 1) + x + 1] = row + sums[y * (width + 1) + x + 1];
+impl SummedArea {
+    /// Sums a mask whose `pool` x `pool` blocks make `width` x `height` pooled pixels.
+    fn new(mask: &Mask, pool: u32, [width, height]: [usize; 2]) -> Self {
+        let mut object = vec![false; width * height];
+        let (mut low, mut high) = ([width, height], [0, 0]);
+        for (x, y, _) in mask.coverage.enumerate_pixels().filter(|&(x, y, _)| mask.is_object(x, y)) {
+            let at = [(x / pool) as usize, (y / pool) as usize];
+            object[at[1] * width + at[0]] = true;
+            low = std::array::from_fn(|i| low[i].min(at[i]));
+            high = std::array::from_fn(|i| high[i].max(at[i] + 1));
         }
+        let size: [usize; 2] = std::array::from_fn(|i| high[i].saturating_sub(low[i]));
+        let [columns, rows] = size;
+        let mut sums = vec![0; (columns + 1) * (rows + 1)];
+        for y in 0..rows {
+            let mut row = 0;
+            for x in 0..columns {
+                row += u32::from(object[(low[1] + y) * width + low[0] + x]);
+                sums[(y + 1) * (columns + 1) + x + 1] = row + sums[y * (columns + 1) + x + 1];
+            }
+        }
+        Self { origin: low, size, sums }
     }
-    sums
+
+    /// How many object pixels there are in columns before `x` and rows before `y`.
+    fn above_and_left(&self, x: usize, y: usize) -> u32 {
+        let [column, row] = [(0, x), (1, y)].map(|(i, at)| at.saturating_sub(self.origin[i]).min(self.size[i]));
+        self.sums[row * (self.size[0] + 1) + column]
+    }
 }
 
 #[cfg(test)]

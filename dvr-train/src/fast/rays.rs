@@ -50,7 +50,7 @@ impl Tally {
 
 /// The field and the pictures, as rays see them during one step.
 pub(super) struct Scene<'a> {
-    pub views: &'a [FastView],
+    pub views: &'a [FastView<'a>],
     pub shape: &'a Lattice,
     pub values: &'a [f32],
     pub active: &'a [bool],

@@ -44,7 +44,7 @@ fn view(eye: DVec3) -> View {
 
 /// A ball on a lattice, and three cameras close to each other.
 struct Fixture {
-    views: Vec<FastView>,
+    views: Vec<View>,
     shape: Lattice,
     values: Vec<f32>,
     active: Vec<bool>,
@@ -55,12 +55,11 @@ struct Fixture {
 impl Fixture {
     fn new() -> Self {
         let eyes = [DVec3::new(0.0, 0.0, -1.6), DVec3::new(0.3, 0.1, -1.57), DVec3::new(-0.25, 0.2, -1.56)];
-        let views: Vec<View> = eyes.into_iter().map(view).collect();
         let (shape, colors) = (Lattice::new(33, 0.55), Lattice::new(17, 0.55));
         let values: Vec<f32> = (0..shape.len()).map(|i| RADIUS - shape.position(i).length()).collect();
         let color = |i: usize| paint(0.98 * colors.position(i).as_dvec3()).map(|c| 0.1 + 0.7 * c as f32);
         Self {
-            views: FastView::pack(&views.iter().collect::<Vec<_>>(), 2),
+            views: eyes.into_iter().map(view).collect(),
             active: vec![true; shape.len()],
             color_values: (0..colors.len()).flat_map(color).collect(),
             shape,
@@ -69,13 +68,18 @@ impl Fixture {
         }
     }
 
+    fn views(&self) -> Vec<FastView<'_>> {
+        FastView::pack(&self.views.iter().collect::<Vec<_>>(), 2)
+    }
+
     /// The lesson and the weighted loss of a pixel of the first view, with the whole field raised by `change`: a single
     /// node would tilt the plane of a patch too, which the gradient leaves out on purpose.
     fn look(&self, pixel: u32, losses: &FastLosses, change: f32) -> (Option<Lesson>, f64) {
         let values: Vec<f32> = self.values.iter().map(|value| value + change).collect();
         let map = SignMap::new(&self.shape, &values);
+        let views = self.views();
         let scene = Scene {
-            views: &self.views,
+            views: &views,
             shape: &self.shape,
             values: &values,
             active: &self.active,
@@ -86,7 +90,7 @@ impl Fixture {
             compared_views: 2,
         };
         let mut tally = Tally::default();
-        let lesson = scene.lesson(&self.views[0].pixel_ray(0, pixel), 7, &mut tally);
+        let lesson = scene.lesson(&views[0].pixel_ray(0, pixel), 7, &mut tally);
         let loss = losses.color * tally.color
             + 0.5 * losses.cross_view * tally.cross_view
             + 0.5 * losses.structure * tally.structure
@@ -160,14 +164,14 @@ fn masks_push_the_densest_point_in_or_out() {
     let losses = FastLosses { mask: 1.0, ..nothing() };
     // A ray just beside the true ball meets the field's, which is larger.
     let pixel = (0..96).map(|u| 48 * 96 + u).find(|&p| {
-        let object = fixture.views[0].pixel_ray(0, p).object;
+        let object = fixture.views[0].mask.is_object(p % 96, p / 96);
         !object && fixture.look(p, &losses, 0.0).0.is_some()
     });
     let (lesson, loss) = fixture.look(pixel.unwrap(), &losses, 0.0);
     assert!(lesson.unwrap().by_value > 0.0 && loss > 0.5, "pushed out");
     // The same ball shrunk: object pixels at its rim miss.
     fixture.values.iter_mut().for_each(|v| *v -= 0.05);
-    let pixel = (0..96).map(|u| 48 * 96 + u).find(|&p| fixture.views[0].pixel_ray(0, p).object).unwrap();
+    let pixel = (0..96).map(|u| 48 * 96 + u).find(|&p| fixture.views[0].mask.is_object(p % 96, p / 96)).unwrap();
     let (by_hand, difference) = fixture.gradients(pixel, &losses);
     assert!(by_hand < 0.0, "pulled in");
     assert!((by_hand - difference).abs() < 0.05 * difference.abs(), "{by_hand} {difference}");

@@ -37,7 +37,7 @@ const BAND_NODES: usize = 3;
 pub struct FastTrainer<'a> {
     config: FastConfig,
     views: ViewSplit<'a>,
-    packed: Vec<FastView>,
+    packed: Vec<FastView<'a>>,
     masks: Vec<MaskDistance>,
     order: PixelOrder,
     shape: Levels<1>,
@@ -77,7 +77,7 @@ impl<'a> FastTrainer<'a> {
             (4.0 * f64::from(lattice.spacing()) * camera.intrinsics.x_axis.x.abs() / depth) as f32 + 1.0
         };
         let order = PixelOrder::new(&views.train, &masks, margin);
-        if order.len() == 0 || shape.active().count() == 0 {
+        if order.is_empty() || shape.active().count() == 0 {
             return Err(Error::Config(
                 "the masks have no visual hull in common: no point of space is object in all of them. Check masks and \
                  cameras with `dvr info`"

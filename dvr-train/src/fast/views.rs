@@ -1,12 +1,12 @@
-//! Photographs as the fast trainer reads them: packed pixels, projections in f32, neighbours.
+//! Photographs as the fast trainer reads them: projections in f32, neighbours, and the pixels where they are.
 
-use dvr_core::View;
 use dvr_core::hull::MaskDistance;
+use dvr_core::{Mask, View};
 use glam::{Mat3, Vec2, Vec3};
 
-/// One training view.
+/// One training view. Its pixels are the scene's own.
 #[derive(Clone, Debug)]
-pub(super) struct FastView {
+pub(super) struct FastView<'a> {
     /// Where the camera stands.
     pub center: Vec3,
     /// Pixel coordinates (and 1) to a ray direction of unit z-depth.
@@ -16,10 +16,11 @@ pub(super) struct FastView {
     offset: Vec3,
     width: u32,
     height: u32,
-    /// Red, green, blue, and 255 where the pixel shows the object.
-    pixels: Vec<[u8; 4]>,
+    /// Red, green and blue.
+    colors: &'a [[u8; 3]],
+    mask: &'a Mask,
     /// Measured z-depth; empty without.
-    z_depth: Vec<f32>,
+    z_depth: &'a [f32],
     /// Views that look at the object from close by, nearest first.
     pub neighbours: Vec<u32>,
 }
@@ -47,9 +48,9 @@ pub(super) struct Reprojection {
 /// Views beyond this angle from each other show too different sides of a surface to be compared, as a cosine.
 const MAX_NEIGHBOUR_ANGLE: f32 = 0.5;
 
-impl FastView {
-    /// Packs views; each gets at most `neighbours` neighbours.
-    pub fn pack(views: &[&View], neighbours: usize) -> Vec<Self> {
+impl<'a> FastView<'a> {
+    /// Prepares views; each gets at most `neighbours` neighbours.
+    pub fn pack(views: &[&'a View], neighbours: usize) -> Vec<Self> {
         let mut packed: Vec<Self> = views.iter().map(|view| Self::new(view)).collect();
         let toward: Vec<Vec3> = packed.iter().map(|view| view.center.normalize_or_zero()).collect();
         for (i, view) in packed.iter_mut().enumerate() {
@@ -62,13 +63,9 @@ impl FastView {
         packed
     }
 
-    fn new(view: &View) -> Self {
+    fn new(view: &'a View) -> Self {
         let camera = &view.camera;
         let (width, height) = view.image.dimensions();
-        let pack = |(u, v, pixel): (u32, u32, &image::Rgb<u8>)| {
-            let [r, g, b] = pixel.0;
-            [r, g, b, if view.mask.is_object(u, v) { 255 } else { 0 }]
-        };
         Self {
             center: camera.center().as_vec3(),
             to_direction: (camera.rotation.transpose() * camera.intrinsics.inverse()).as_mat3(),
@@ -76,8 +73,9 @@ impl FastView {
             offset: (camera.intrinsics * camera.translation).as_vec3(),
             width,
             height,
-            pixels: view.image.enumerate_pixels().map(pack).collect(),
-            z_depth: view.depth.as_ref().map_or_else(Vec::new, |depth| depth.z_depth.clone()),
+            colors: view.image.as_raw().as_chunks().0,
+            mask: &view.mask,
+            z_depth: view.depth.as_ref().map_or(&[], |depth| &depth.z_depth),
             neighbours: Vec::new(),
         }
     }
@@ -85,13 +83,12 @@ impl FastView {
     /// The ray of a pixel, by its index in the image; `view` is this view's index.
     pub fn pixel_ray(&self, view: u32, index: u32) -> PixelRay {
         let (u, v) = (index % self.width, index / self.width);
-        let [r, g, b, object] = self.pixels[index as usize];
         PixelRay {
             view,
             pixel: [u, v],
             direction: self.direction(u, v),
-            color: Vec3::new(f32::from(r), f32::from(g), f32::from(b)) / 255.0,
-            object: object > 0,
+            color: color(self.colors[index as usize]),
+            object: self.mask.is_object(u, v),
             z_depth: self.z_depth.get(index as usize).copied().unwrap_or(f32::NAN),
         }
     }
@@ -103,11 +100,11 @@ impl FastView {
 
     /// Brightness of a pixel; `None` out of the frame and off the object.
     pub fn brightness(&self, u: u32, v: u32) -> Option<f32> {
-        if u >= self.width || v >= self.height {
+        if u >= self.width || v >= self.height || !self.mask.is_object(u, v) {
             return None;
         }
-        let [r, g, b, object] = self.pixels[(v * self.width + u) as usize];
-        (object > 0).then(|| (f32::from(r) + f32::from(g) + f32::from(b)) / (3.0 * 255.0))
+        let [r, g, b] = self.colors[(v * self.width + u) as usize].map(f32::from);
+        Some((r + g + b) / (3.0 * 255.0))
     }
 
     /// Pixel coordinates and z-depth of a point.
@@ -127,12 +124,12 @@ impl FastView {
         if !(x >= 0.0 && y >= 0.0 && x < (self.width - 1) as f32 && y < (self.height - 1) as f32) {
             return None;
         }
-        let corner = y as usize * self.width as usize + x as usize;
-        let quad = [0, 1, self.width as usize, self.width as usize + 1].map(|offset| self.pixels[corner + offset]);
-        if quad.iter().any(|pixel| pixel[3] == 0) {
+        let (u, v) = (x as u32, y as u32);
+        let quad = [(u, v), (u + 1, v), (u, v + 1), (u + 1, v + 1)];
+        if !quad.iter().all(|&(u, v)| self.mask.is_object(u, v)) {
             return None;
         }
-        let [a, b, c, d] = quad.map(|p| Vec3::new(f32::from(p[0]), f32::from(p[1]), f32::from(p[2])) / 255.0);
+        let [a, b, c, d] = quad.map(|(u, v)| color(self.colors[(v * self.width + u) as usize]));
         let (s, t) = (x.fract(), y.fract());
         let (top, bottom) = (a + (b - a) * s, c + (d - c) * s);
         let (by_x, by_y) = ((b - a) + ((d - c) - (b - a)) * t, bottom - top);
@@ -142,20 +139,24 @@ impl FastView {
     }
 }
 
+/// A pixel's colour.
+fn color(pixel: [u8; 3]) -> Vec3 {
+    Vec3::from(pixel.map(f32::from)) / 255.0
+}
+
 /// The pixels that have something to teach, in an order that visits each once before any twice.
 #[derive(Clone, Debug)]
 pub(super) struct PixelOrder {
-    /// Pixel indices, view after view.
-    pixels: Vec<u32>,
-    /// Where each view's begin, and their number.
-    starts: Vec<usize>,
+    /// Runs of neighbouring pixels, view after view: how many pixels come before, view, index of the first pixel.
+    runs: Vec<(u64, u32, u32)>,
+    total: u64,
     stride: u64,
 }
 
 impl PixelOrder {
     /// Takes the pixels of each mask and those within `margin` pixels of it.
     pub fn new(views: &[&View], masks: &[MaskDistance], margin: impl Fn(usize) -> f32) -> Self {
-        let (mut pixels, mut starts) = (Vec::new(), vec![0]);
+        let (mut runs, mut total) = (Vec::new(), 0);
         for (i, (view, mask)) in views.iter().zip(masks).enumerate() {
             let (width, height) = view.image.dimensions();
             let margin = margin(i);
@@ -163,26 +164,31 @@ impl PixelOrder {
                 let (u, v) = (index % width, index / width);
                 view.mask.is_object(u, v) || mask.of_pixel(u, v) > -margin
             };
-            pixels.extend((0..width * height).filter(near));
-            starts.push(pixels.len());
+            let mut expected = None;
+            for index in (0..width * height).filter(near) {
+                if expected != Some(index) {
+                    runs.push((total, i as u32, index));
+                }
+                expected = Some(index + 1);
+                total += 1;
+            }
         }
-        let stride = coprime_near(0.618_034 * pixels.len() as f64, pixels.len() as u64);
-        Self { pixels, starts, stride }
+        Self { runs, total, stride: coprime_near(0.618_034 * total as f64, total) }
     }
 
-    /// How many pixels there are.
-    pub fn len(&self) -> usize {
-        self.pixels.len()
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.total == 0
     }
 
     /// The view and pixel index that come `count`th; `seed` shifts each pass through the pixels.
     pub fn pick(&self, count: u64, seed: u64) -> (u32, u32) {
-        let total = self.pixels.len() as u64;
+        let total = self.total;
         let (pass, within) = (count / total, count % total);
         let shift = mix(seed ^ pass.wrapping_mul(0x9e37_79b9_7f4a_7c15)) % total;
-        let index = ((u128::from(within) * u128::from(self.stride) + u128::from(shift)) % u128::from(total)) as usize;
-        let view = self.starts.partition_point(|&start| start <= index) - 1;
-        (view as u32, self.pixels[index])
+        let index = ((u128::from(within) * u128::from(self.stride) + u128::from(shift)) % u128::from(total)) as u64;
+        let (before, view, first) = self.runs[self.runs.partition_point(|&(before, ..)| before <= index) - 1];
+        (view, first + (index - before) as u32)
     }
 }
 
