@@ -105,13 +105,13 @@ impl<T: Real> Grid<T> {
         let (mut at, mut scale, mut low) = ([zero; 3], [zero; 3], [0; 3]);
         for axis in 0..3 {
             let position = (point[axis] + self.half_extent) * self.per_cell;
-            // A point that is not a number lies, like one far below, in the first cell.
-            let (held, rate) = if !(position >= zero) {
-                (zero, zero)
-            } else if position > self.cells {
+            let (held, rate) = if position > self.cells {
                 (self.cells, zero)
-            } else {
+            } else if position >= zero {
                 (position, self.per_cell)
+            } else {
+                // What is not a number lies, like what is far below, in the first cell.
+                (zero, zero)
             };
             low[axis] = held.to_index().min(self.last_cell);
             at[axis] = held - T::from_f64(low[axis] as f64);
