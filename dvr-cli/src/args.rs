@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use anyhow::Result;
 use clap::{Args, Parser, Subcommand, ValueEnum};
-use dvr_core::dataset::{Background, BackgroundColor, Format, Normalise, ReadOptions};
+use dvr_core::dataset::{Background, BackgroundColor, Format, Normalise, ObjectOptions, ReadOptions};
 use dvr_train::Supervision;
 
 use crate::backend::Backend;
@@ -127,7 +127,8 @@ pub struct InfoArgs {
 /// Arguments of `dvr train`.
 #[derive(Args, Debug)]
 pub struct TrainArgs {
-    /// Folder (or cameras file) of the scene; not needed with --resume
+    /// Folder (or cameras file) of a scene, which is reconstructed; or folder of a dataset of many objects, from which a model
+    /// learns to make shapes of single pictures. Not needed with --resume
     #[arg(required_unless_present_any = ["resume", "print_config"])]
     pub scene: Option<PathBuf>,
     /// Folder for checkpoints, mesh, preview and figures
@@ -139,12 +140,12 @@ pub struct TrainArgs {
     /// Replace the run in --out
     #[arg(long)]
     pub overwrite: bool,
-    /// What teaches the shape: rgb, depth or rgb+depth [default: rgb]
+    /// What teaches the shape: rgb, depth or rgb+depth; for datasets also occupancy (3D, from points.npz) [default: rgb]
     #[arg(long, value_name = "WHAT", help_heading = "Training")]
     pub supervision: Option<Supervision>,
-    /// How to reconstruct
-    #[arg(long, visible_alias = "preset", value_enum, default_value_t = MethodName::Fast, help_heading = "Training")]
-    pub method: MethodName,
+    /// How to reconstruct [default: fast; for datasets: network]
+    #[arg(long, visible_alias = "preset", value_enum, help_heading = "Training")]
+    pub method: Option<MethodName>,
     /// How fine the field of `fast` may become: auto, or cells along an edge (a power of two, 32 to 512) [default: auto]
     #[arg(long, value_parser = parse_capacity, value_name = "CELLS", help_heading = "Training")]
     pub capacity: Option<CapacityArg>,
@@ -170,6 +171,8 @@ pub struct TrainArgs {
     #[arg(long, help_heading = "Training")]
     pub print_config: bool,
     #[command(flatten)]
+    pub objects: ObjectsArgs,
+    #[command(flatten)]
     pub meshing: MeshingArgs,
     #[command(flatten)]
     pub backend: BackendArg,
@@ -177,14 +180,37 @@ pub struct TrainArgs {
     pub reading: SceneArgs,
 }
 
+/// How a dataset of objects is read.
+#[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "Datasets of objects")]
+pub struct ObjectsArgs {
+    /// Only these categories, by folder or by name; separate with commas
+    #[arg(long, value_delimiter = ',', value_name = "CATEGORY")]
+    pub categories: Vec<String>,
+    /// Dataset with the encoder's pictures, under the same category and object, e.g. the 3D-R2N2 renders [default: the objects' own]
+    #[arg(long, value_name = "DIR")]
+    pub inputs: Option<PathBuf>,
+}
+
+impl ObjectsArgs {
+    /// As the library takes it; depth comes from where the scene's arguments say.
+    pub fn options(&self, reading: &SceneArgs) -> ObjectOptions {
+        ObjectOptions {
+            categories: self.categories.clone(),
+            inputs: self.inputs.clone(),
+            visual_hull_depth: reading.visual_hull_depth,
+        }
+    }
+}
+
 /// How a scene is reconstructed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum MethodName {
     /// A compact field on lattices: seconds
     Fast,
-    /// The publication's network, started from the visual hull: minutes
+    /// The publication's network, started from the visual hull: minutes; for datasets, of a size for a few cores: an hour
     Network,
-    /// The network with the publication's own settings: hours
+    /// The network with the publication's own settings: hours; for datasets: weeks without a GPU
     Classic,
     /// The visual hull of the masks, coloured by the photographs: what can be had without any training
     Hull,

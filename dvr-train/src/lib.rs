@@ -52,6 +52,7 @@ mod method;
 mod metrics_log;
 mod model;
 mod objective;
+mod objects;
 pub mod preview;
 mod run;
 mod sparse;
@@ -60,7 +61,7 @@ mod validate;
 mod warm_start;
 
 pub use bake::bake_colors;
-pub use batch::{PixelBatch, PixelSampling};
+pub use batch::{PixelBatch, PixelSampling, Pixels};
 pub use checkpoint::{Best, CHECKPOINT_VERSION, Checkpoint, CheckpointHeader, LearnerState};
 pub use config::{HullUse, LossWeights, MarchStage, OccupancyPoint, Supervision, TrainConfig};
 pub use error::{Error, Result};
@@ -72,6 +73,9 @@ pub use learner::Learner;
 pub use method::Method;
 pub use model::Model;
 pub use objective::{StepLoss, StepNoise, sparse_depth_loss, step_loss};
+pub use objects::{
+    ObjectModel, ObjectsConfig, ObjectsMetrics, ObjectsTrainer, TrainedObjects, finish_objects, train_objects,
+};
 pub use run::{Observer, RunFolder, RunOptions, Stop, Trained, train};
 pub use sparse::SparseTargets;
 pub use trainer::{StepReport, Trainer, ViewSplit};

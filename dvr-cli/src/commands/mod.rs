@@ -7,6 +7,7 @@ pub mod mesh;
 pub mod render;
 pub mod synth;
 pub mod train;
+mod train_objects;
 
 use std::path::{Path, PathBuf};
 

@@ -36,7 +36,7 @@ use std::path::Path;
 pub use input_picture::input_picture;
 pub use masks::mask_from_background;
 pub use object_dataset::{ObjectDataset, ObjectOptions};
-pub use objects::{ObjectRef, list_objects};
+pub use objects::{ObjectRef, is_object_dataset, list_objects};
 pub use options::{Background, BackgroundColor, Format, Normalise, ReadOptions};
 
 use crate::error::{Error, Result};
