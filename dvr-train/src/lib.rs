@@ -74,7 +74,9 @@ pub use method::Method;
 pub use model::Model;
 pub use objective::{StepLoss, StepNoise, sparse_depth_loss, step_loss};
 pub use objects::{
-    ObjectModel, ObjectsConfig, ObjectsMetrics, ObjectsTrainer, TrainedObjects, finish_objects, train_objects,
+    MeanScore, MeanShapes, Measurement, NearestPicture, ObjectModel, ObjectScore, ObjectsConfig, ObjectsMetrics,
+    ObjectsTrainer, Results, Shape, Shard, Subject, Summary, TrainedObjects, evaluate_objects, finish_objects,
+    judged_input, merge_results, read_results, to_markdown, train_objects, write_summaries,
 };
 pub use run::{Observer, RunFolder, RunOptions, Stop, Trained, train};
 pub use sparse::SparseTargets;

@@ -2,13 +2,25 @@
 
 mod config;
 mod draw;
+mod evaluate;
 mod loader;
+mod mean_shape;
 mod model;
+mod nearest_picture;
+mod results;
 mod run;
+mod subject;
+mod summary;
 mod trainer;
 mod validate;
 
 pub use config::ObjectsConfig;
+pub use evaluate::{Shard, evaluate_objects};
+pub use mean_shape::MeanShapes;
 pub use model::ObjectModel;
+pub use nearest_picture::NearestPicture;
+pub use results::{Measurement, ObjectScore, Results, read_results};
 pub use run::{ObjectsMetrics, TrainedObjects, finish_objects, train_objects};
+pub use subject::{Shape, Subject, judged_input};
+pub use summary::{MeanScore, Summary, merge_results, to_markdown, write_summaries};
 pub use trainer::ObjectsTrainer;
