@@ -5,8 +5,9 @@ use std::time::Duration;
 
 use anyhow::Result;
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use dvr_core::Split;
 use dvr_core::dataset::{Background, BackgroundColor, Format, Normalise, ObjectOptions, ReadOptions};
-use dvr_train::Supervision;
+use dvr_train::{Shard, Supervision};
 
 use crate::backend::Backend;
 
@@ -238,9 +239,9 @@ pub enum Colors {
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Mesh")]
 pub struct MeshingArgs {
-    /// Grid cells along an edge of the object's cube
-    #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(8..=2048), value_name = "N")]
-    pub resolution: u32,
+    /// Grid cells along an edge of the object's cube [default: 256; 128 where a dataset is evaluated]
+    #[arg(long, value_parser = clap::value_parser!(u32).range(8..=2048), value_name = "N")]
+    pub resolution: Option<u32>,
     /// Drop pieces smaller than this share of the largest piece's area; 0 keeps everything
     #[arg(long, default_value_t = 0.01, value_name = "SHARE")]
     pub min_piece: f64,
@@ -353,14 +354,15 @@ pub enum Animation {
 #[derive(Args, Debug)]
 pub struct EvalArgs {
     /// Folder of a run, one of its checkpoints, or a mesh file in the scene's coordinates
-    pub subject: PathBuf,
-    /// The scene with ground truth or held-out views [default: the one the run was trained on]
-    #[arg(long, value_name = "SCENE")]
+    #[arg(required_unless_present_any = ["baseline", "merge"], conflicts_with_all = ["baseline", "merge"])]
+    pub subject: Option<PathBuf>,
+    /// The scene with ground truth or held-out views, or the dataset [default: what the run was trained on]
+    #[arg(long, value_name = "PATH")]
     pub data: Option<PathBuf>,
-    /// Write the figures to this file as JSON
+    /// Write the figures of a scene to this file as JSON
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
-    /// Seed of the surface samples
+    /// Seed of the surface samples, and of which picture an object is given by
     #[arg(long, default_value_t = 0, value_name = "N")]
     pub seed: u64,
     /// Samples across the object's cube when views are rendered
@@ -370,11 +372,69 @@ pub struct EvalArgs {
     #[arg(long)]
     pub no_views: bool,
     #[command(flatten)]
+    pub objects: EvalObjectsArgs,
+    #[command(flatten)]
     pub meshing: MeshingArgs,
     #[command(flatten)]
     pub backend: BackendArg,
     #[command(flatten)]
     pub reading: SceneArgs,
+}
+
+/// How a model is measured on a dataset of many objects.
+#[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "Datasets of objects")]
+pub struct EvalObjectsArgs {
+    /// The objects to measure: train, val or test [default: test]
+    #[arg(long, value_enum, value_name = "SPLIT")]
+    pub split: Option<SplitArg>,
+    /// Folder for objects.jsonl and the tables summary.{json,csv,md}; objects that are in it already are not measured again
+    /// [default: eval_SPLIT in the run]
+    #[arg(long, short, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// One part of the objects, for a cluster's job array: 3/16 is the third of sixteen
+    #[arg(long, value_parser = parse_shard, value_name = "I/N")]
+    pub shard: Option<Shard>,
+    /// Also compare renders of each mesh with so many views of the object
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    pub object_views: usize,
+    /// Measure a baseline instead of a run
+    #[arg(long, value_enum, requires = "data", requires = "out")]
+    pub baseline: Option<Baseline>,
+    /// Join results (objects*.jsonl): shards become one table, several subjects stand side by side
+    #[arg(long, num_args = 1.., value_name = "FILE", requires = "out", conflicts_with_all = ["baseline", "data"])]
+    pub merge: Vec<PathBuf>,
+}
+
+/// The splits of a dataset.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum SplitArg {
+    /// Objects that were trained on
+    Train,
+    /// Objects that chose the best step
+    Val,
+    /// Objects that training never saw
+    Test,
+}
+
+impl SplitArg {
+    /// As the library has it.
+    pub fn split(self) -> Split {
+        match self {
+            Self::Train => Split::Train,
+            Self::Val => Split::Val,
+            Self::Test => Split::Test,
+        }
+    }
+}
+
+/// What a model must beat.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Baseline {
+    /// The mean training shape of the object's category, whatever the picture shows
+    MeanShape,
+    /// The training object with the most similar picture
+    NearestPicture,
 }
 
 /// Arguments of `dvr synth`.
@@ -426,6 +486,13 @@ fn parse_duration(text: &str) -> Result<Duration, String> {
     };
     let seconds: f64 = number.parse().map_err(|_| format!("{text:?} is no time; write 90s, 10m or 2h"))?;
     Duration::try_from_secs_f64(seconds * factor).map_err(|e| format!("{text:?}: {e}"))
+}
+
+/// Reads `3/16`.
+fn parse_shard(text: &str) -> Result<Shard, String> {
+    let parts = text.split_once('/').and_then(|(number, of)| Some((number.parse().ok()?, of.parse().ok()?)));
+    let shard = parts.map(|(number, of)| Shard { number, of }).filter(|shard| (1..=shard.of).contains(&shard.number));
+    shard.ok_or_else(|| format!("{text:?} is no part; write 1/16, 2/16 and so on up to 16/16"))
 }
 
 /// Reads a share from 0 to 1.
@@ -481,6 +548,8 @@ mod tests {
         assert_eq!(parse_duration("1.5m"), Ok(Duration::from_secs(90)));
         assert!(parse_duration("soon").is_err() && parse_duration("-1s").is_err());
         assert_eq!(parse_size("320x240"), Ok((320, 240)));
+        assert_eq!(parse_shard("3/16"), Ok(Shard { number: 3, of: 16 }));
+        assert!(["0/3", "4/3", "3", "a/b", "1/0"].into_iter().all(|shard| parse_shard(shard).is_err()));
         assert_eq!(parse_capacity("64"), Ok(CapacityArg::Cells(64)));
         assert!(parse_capacity("65").is_err() && parse_capacity("much").is_err());
         assert_eq!((parse_bytes("32k"), parse_bytes("1M")), (Ok(32_000), Ok(1_000_000)));

@@ -12,14 +12,14 @@ use dvr_train::{
     Supervision, TrainConfig, Trained, ViewSplit, finish, train,
 };
 
-use super::{mesh_options, print_notes, scene_of_run, train_objects};
+use super::{SCENE_RESOLUTION, mesh_options, print_notes, scene_of_run, train_objects};
 use crate::EXIT_INTERRUPTED;
 use crate::args::{CapacityArg, MethodName, TrainArgs};
 use crate::commands::eval::print_shape;
 use crate::progress::Progress;
 
 /// Set by Ctrl-C.
-static INTERRUPTED: AtomicBool = AtomicBool::new(false);
+pub(super) static INTERRUPTED: AtomicBool = AtomicBool::new(false);
 
 /// Reconstructs a scene, or learns from a dataset, as the path and the arguments say.
 pub fn run(args: &TrainArgs) -> Result<ExitCode> {
@@ -66,7 +66,14 @@ fn train_scene(args: &TrainArgs, folder: &RunFolder, config: Method, resumed: Op
     if trained.stop == Stop::Interrupted {
         return Ok(interrupted(&trained, folder));
     }
-    let metrics = finish(&scene, &trained.checkpoint, folder, &mesh_options(&args.meshing), &device, &mut progress)?;
+    let metrics = finish(
+        &scene,
+        &trained.checkpoint,
+        folder,
+        &mesh_options(&args.meshing, SCENE_RESOLUTION),
+        &device,
+        &mut progress,
+    )?;
     report(&metrics, folder, trained.seconds, cpu_seconds);
     if metrics.mesh.is_none() {
         bail!("there is no mesh: the field has no surface. Check masks and cameras with `dvr info`");
@@ -216,7 +223,7 @@ fn describe(scene: &Scene, method: &Method) -> Result<()> {
 }
 
 /// The first Ctrl-C asks for a clean stop, the second ends the program.
-fn interrupt_on_ctrl_c() -> Result<()> {
+pub(super) fn interrupt_on_ctrl_c() -> Result<()> {
     ctrlc::set_handler(|| {
         if INTERRUPTED.swap(true, Ordering::Relaxed) {
             std::process::exit(i32::from(EXIT_INTERRUPTED));

@@ -4,14 +4,17 @@ use std::collections::BTreeMap;
 
 use dvr_core::dataset::ObjectDataset;
 use dvr_core::mesh::Mesh;
-use dvr_core::{Split, UnitCube};
+use dvr_core::{OccupancySamples, Split, UnitCube};
 use dvr_render::extract::{ExtractSettings, extract_mesh};
 use glam::{IVec3, Vec3};
 
 use crate::error::{Error, Result};
 
-/// Voxels along an edge. The 100 000 points of an object give three a voxel.
-const VOXELS: usize = 32;
+/// The most voxels along an edge: 100 000 points of an object give three a voxel.
+const MOST_VOXELS: usize = 32;
+
+/// Points a voxel that an object should have: the objects of a dataset may all be known at the same points.
+const POINTS_A_VOXEL: f64 = 3.0;
 
 /// How often the training objects of each category are inside, over the cube.
 ///
@@ -23,15 +26,16 @@ pub struct MeanShapes {
 }
 
 /// One category.
-#[derive(Clone)]
 struct MeanShape {
-    /// The mean minus the threshold, `VOXELS^3`, x fastest.
+    /// Voxels along an edge.
+    voxels: usize,
+    /// The mean minus the threshold, `voxels^3`, x fastest.
     level: Vec<f32>,
 }
 
 /// Counts of one category's samples.
-#[derive(Clone)]
 struct Tally {
+    voxels: usize,
     inside: Vec<u32>,
     all: Vec<u32>,
 }
@@ -46,19 +50,12 @@ impl MeanShapes {
         mut progress: impl FnMut(usize),
         mut problem: impl FnMut(usize, String),
     ) -> Result<Self> {
-        let empty = Tally { inside: vec![0; VOXELS.pow(3)], all: vec![0; VOXELS.pow(3)] };
         let mut tallies: BTreeMap<String, Tally> = BTreeMap::new();
         for (done, object) in dataset.of_split(Split::Train).into_iter().enumerate() {
             match dataset.read_occupancy(object) {
                 Ok(Some(samples)) => {
                     let category = dataset.objects()[object].category.clone();
-                    let tally = tallies.entry(category).or_insert_with(|| empty.clone());
-                    for (point, &inside) in samples.points.iter().zip(&samples.inside) {
-                        if let Some(voxel) = voxel_of(*point) {
-                            tally.all[voxel] += 1;
-                            tally.inside[voxel] += u32::from(inside);
-                        }
-                    }
+                    tallies.entry(category).or_insert_with(|| Tally::for_samples(&samples)).add(&samples);
                 }
                 Ok(None) => problem(object, "there is no points.npz".into()),
                 Err(error) => problem(object, error.to_string()),
@@ -92,6 +89,24 @@ impl MeanShapes {
 }
 
 impl Tally {
+    /// As fine as this many samples allow.
+    fn for_samples(samples: &OccupancySamples) -> Self {
+        let voxels = (samples.points.len() as f64 / POINTS_A_VOXEL).cbrt() as usize;
+        let voxels = voxels.clamp(2, MOST_VOXELS);
+        Self { voxels, inside: vec![0; voxels.pow(3)], all: vec![0; voxels.pow(3)] }
+    }
+
+    fn add(&mut self, samples: &OccupancySamples) {
+        for (point, &inside) in samples.points.iter().zip(&samples.inside) {
+            let voxel = in_voxels(*point, self.voxels).floor().as_ivec3();
+            if voxel.cmpge(IVec3::ZERO).all() && voxel.cmplt(IVec3::splat(self.voxels as i32)).all() {
+                let voxel = index(voxel, self.voxels);
+                self.all[voxel] += 1;
+                self.inside[voxel] += u32::from(inside);
+            }
+        }
+    }
+
     fn mean(&self) -> MeanShape {
         let share = |(&inside, &all): (&u32, &u32)| if all == 0 { 0.0 } else { inside as f32 / all as f32 };
         let means: Vec<f32> = self.inside.iter().zip(&self.all).map(share).collect();
@@ -101,40 +116,35 @@ impl Tally {
         // Between the last voxel that belongs to the shape and the first that does not.
         let at = volume.clamp(1, sorted.len() - 1);
         let threshold = 0.5 * (sorted[at - 1] + sorted[at]);
-        MeanShape { level: means.into_iter().map(|mean| mean - threshold).collect() }
+        MeanShape { voxels: self.voxels, level: means.into_iter().map(|mean| mean - threshold).collect() }
     }
 }
 
 impl MeanShape {
     /// Trilinear between the centres of voxels; beyond the outermost of them, their values.
     fn at(&self, point: Vec3) -> f32 {
-        let place = (in_voxels(point) - 0.5).clamp(Vec3::ZERO, Vec3::splat((VOXELS - 1) as f32));
+        let place = (in_voxels(point, self.voxels) - 0.5).clamp(Vec3::ZERO, Vec3::splat((self.voxels - 1) as f32));
         let (low, share) = (place.floor(), place - place.floor());
         (0..8)
             .map(|corner| {
                 let step = IVec3::new(corner & 1, corner >> 1 & 1, corner >> 2 & 1);
                 let weight = Vec3::select(step.cmpeq(IVec3::ONE), share, 1.0 - share);
-                let voxel = (low.as_ivec3() + step).min(IVec3::splat(VOXELS as i32 - 1));
-                weight.element_product() * self.level[index(voxel)]
+                let voxel = (low.as_ivec3() + step).min(IVec3::splat(self.voxels as i32 - 1));
+                weight.element_product() * self.level[index(voxel, self.voxels)]
             })
             .sum()
     }
 }
 
 /// A position in units of voxels from the cube's lowest corner.
-fn in_voxels(point: Vec3) -> Vec3 {
+fn in_voxels(point: Vec3, voxels: usize) -> Vec3 {
     let half = UnitCube::default().half_extent() as f32;
-    (point + half) * (VOXELS as f32 / (2.0 * half))
+    (point + half) * (voxels as f32 / (2.0 * half))
 }
 
-fn voxel_of(point: Vec3) -> Option<usize> {
-    let voxel = in_voxels(point).floor().as_ivec3();
-    let inside = voxel.cmpge(IVec3::ZERO).all() && voxel.cmplt(IVec3::splat(VOXELS as i32)).all();
-    inside.then(|| index(voxel))
-}
-
-fn index(voxel: IVec3) -> usize {
-    (voxel.x + VOXELS as i32 * (voxel.y + VOXELS as i32 * voxel.z)) as usize
+fn index(voxel: IVec3, voxels: usize) -> usize {
+    let [x, y, z] = voxel.to_array().map(|i| i as usize);
+    x + voxels * (y + voxels * z)
 }
 
 #[cfg(test)]
@@ -143,30 +153,30 @@ mod tests {
 
     use super::*;
 
-    /// The tally of balls of several radii.
-    fn balls(radii: &[f32]) -> MeanShape {
-        let mut tally = Tally { inside: vec![0; VOXELS.pow(3)], all: vec![0; VOXELS.pow(3)] };
-        for radius in radii {
-            for point in sample_cube(UnitCube::default(), 100_000, 1) {
-                let voxel = voxel_of(point).unwrap();
-                tally.all[voxel] += 1;
-                tally.inside[voxel] += u32::from(point.length() < *radius);
-            }
-        }
+    /// The mean of balls.
+    fn balls(radii: impl Iterator<Item = f32>) -> MeanShape {
+        let points = sample_cube(UnitCube::default(), 20_000, 1);
+        let samples = |radius: f32| OccupancySamples {
+            inside: points.iter().map(|point| point.length() < radius).collect(),
+            points: points.clone(),
+        };
+        let mut tally = Tally::for_samples(&samples(0.0));
+        radii.for_each(|radius| tally.add(&samples(radius)));
         tally.mean()
     }
 
     #[test]
     fn the_mean_of_balls_is_the_ball_of_their_mean_volume() {
-        let mean = balls(&[0.2, 0.3, 0.4]);
-        let expected = ((0.2f32.powi(3) + 0.3f32.powi(3) + 0.4f32.powi(3)) / 3.0).cbrt();
+        let radii = || (0..21).map(|i| 0.2 + 0.01 * i as f32);
+        let mean = balls(radii());
+        let expected = (radii().map(|radius| radius.powi(3)).sum::<f32>() / 21.0).cbrt();
         for direction in [Vec3::X, Vec3::NEG_Y, Vec3::ONE.normalize()] {
-            assert!(mean.at(direction * (expected - 0.05)) > 0.0 && mean.at(direction * (expected + 0.05)) < 0.0);
+            assert!(mean.at(direction * (expected - 0.06)) > 0.0 && mean.at(direction * (expected + 0.06)) < 0.0);
         }
     }
 
     #[test]
     fn a_category_without_volume_has_no_inside() {
-        assert!(balls(&[0.0]).level.iter().all(|&level| level <= 0.0));
+        assert!(balls([0.0].into_iter()).level.iter().all(|&level| level <= 0.0));
     }
 }

@@ -11,6 +11,8 @@ mod results;
 mod run;
 mod subject;
 mod summary;
+#[cfg(test)]
+mod tests;
 mod trainer;
 mod validate;
 

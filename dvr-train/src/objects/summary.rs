@@ -18,7 +18,9 @@ const FIGURES: [Figure; 11] = [
     ("chamfer_l1_floor", "Chamfer-L1, floor", 4, |score| Some(score.shape.floor.as_ref()?.chamfer_l1)),
     ("accuracy", "accuracy", 4, |score| Some(score.shape.surface.as_ref()?.accuracy)),
     ("completeness", "completeness", 4, |score| Some(score.shape.surface.as_ref()?.completeness)),
-    ("normal_consistency", "normal consistency", 3, |score| Some(score.shape.surface.as_ref()?.normal_consistency?.mean)),
+    ("normal_consistency", "normal consistency", 3, |score| {
+        Some(score.shape.surface.as_ref()?.normal_consistency?.mean)
+    }),
     ("f_score_0.005", "F-score at .005", 3, |score| f_score(score, 0)),
     ("f_score_0.01", "F-score at .01", 3, |score| f_score(score, 1)),
     ("f_score_0.02", "F-score at .02", 3, |score| f_score(score, 2)),
@@ -28,15 +30,8 @@ const FIGURES: [Figure; 11] = [
 ];
 
 /// The figures that the Markdown tables show.
-const SHOWN: [&str; 7] = [
-    "chamfer_l1",
-    "chamfer_l1_floor",
-    "normal_consistency",
-    "f_score_0.02",
-    "volume_iou",
-    "silhouette_iou",
-    "psnr",
-];
+const SHOWN: [&str; 7] =
+    ["chamfer_l1", "chamfer_l1_floor", "normal_consistency", "f_score_0.02", "volume_iou", "silhouette_iou", "psnr"];
 
 /// The mean figures of one subject over some objects.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -90,8 +85,7 @@ impl Summary {
             let means = categories.values().map(|category| category.figures.get(figure.0).copied());
             Some((figure.0.to_owned(), mean(means)?))
         };
-        let mean_of_categories =
-            MeanScore { objects: sorted.len(), figures: FIGURES.iter().filter_map(of).collect() };
+        let mean_of_categories = MeanScore { objects: sorted.len(), figures: FIGURES.iter().filter_map(of).collect() };
         Self { measurement, categories, mean_of_categories, mean_of_objects: mean_score(&sorted) }
     }
 
@@ -115,7 +109,8 @@ pub fn merge_results(files: &[std::path::PathBuf]) -> Result<Vec<Summary>> {
             joined.len() - 1
         });
         let known = &mut joined[place].1;
-        if let Some(twice) = scores.iter().find(|a| known.iter().any(|b| a.category == b.category && a.name == b.name)) {
+        if let Some(twice) = scores.iter().find(|a| known.iter().any(|b| a.category == b.category && a.name == b.name))
+        {
             return Err(Error::Run {
                 path: file.clone(),
                 problem: format!("the figures of {}/{} are in an earlier file too", twice.category, twice.name),
@@ -183,7 +178,8 @@ pub fn to_markdown(summaries: &[Summary]) -> String {
         let _ = writeln!(text, "{}\n\n| category | objects | {} |", title(figure), subjects.join(" | "));
         let _ = writeln!(text, "|---|{}", "---|".repeat(1 + subjects.len()));
         for (category, score) in first.rows() {
-            let of = |summary: &Summary| summary.rows().find(|(name, _)| *name == category).map(|(_, s)| cell(s, figure));
+            let of =
+                |summary: &Summary| summary.rows().find(|(name, _)| *name == category).map(|(_, s)| cell(s, figure));
             let cells: Vec<String> = summaries.iter().map(|summary| of(summary).unwrap_or_default()).collect();
             let _ = writeln!(text, "| {category} | {} | {} |", score.objects, cells.join(" | "));
         }
@@ -229,9 +225,15 @@ mod tests {
         turned.reverse();
         assert_eq!(Summary::new(measurement("run"), &turned), summary, "whatever the order");
         let table = to_markdown(&[summary.clone()]);
-        assert!(table.contains("| category | objects | volume IoU |") && table.contains("| bed | 2 | 0.300 |"), "{table}");
+        assert!(
+            table.contains("| category | objects | volume IoU |") && table.contains("| bed | 2 | 0.300 |"),
+            "{table}"
+        );
         let two = to_markdown(&[summary.clone(), Summary::new(measurement("other"), &scores[..2])]);
-        assert!(two.contains("| category | objects | run | other |") && two.contains("| car | 1 | 0.900 |  |"), "{two}");
+        assert!(
+            two.contains("| category | objects | run | other |") && two.contains("| car | 1 | 0.900 |  |"),
+            "{two}"
+        );
         let csv = to_csv(&[summary]).unwrap();
         assert_eq!(csv.lines().count(), 5);
         assert!(csv.contains("run,car,1,,,,,,,,,0.9,,"), "{csv}");

@@ -70,6 +70,11 @@ impl ObjectsTrainer {
         })
     }
 
+    /// The configuration.
+    pub fn config(&self) -> &ObjectsConfig {
+        &self.config
+    }
+
     /// How many objects are trained on.
     pub fn objects(&self) -> usize {
         self.drawer.objects()
