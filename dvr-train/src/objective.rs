@@ -107,9 +107,12 @@ fn march_settings(config: &TrainConfig, step: usize) -> MarchSettings {
         steps: config.samples_at(step),
         root: config.root,
         root_steps: config.root_steps,
-        ..MarchSettings::default()
+        max_points: MARCHED_POINTS,
     }
 }
+
+/// Points that a march of training evaluates at once: with few, the activations stay in cache and no core is idle.
+const MARCHED_POINTS: usize = 2048;
 
 /// The sparse depth term: L1 between the depths at which rays hit and those at which they are known to end, weighted
 /// and divided by their number. `None` where no ray hits.

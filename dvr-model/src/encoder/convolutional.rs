@@ -2,7 +2,7 @@
 
 use burn::module::Module;
 use burn::nn::conv::{Conv2d, Conv2dConfig};
-use burn::nn::{Linear, LinearConfig};
+use burn::nn::{Initializer, Linear, LinearConfig};
 use burn::tensor::activation::relu;
 use burn::tensor::{Device, Tensor};
 
@@ -30,9 +30,18 @@ impl Convolutional {
     /// Side of the smallest image that leaves something to average: five times `(n - 3) / 2 + 1`, down to 1.
     pub const SMALLEST_IMAGE: usize = 63;
 
-    /// Random parameters, as PyTorch draws them. The original's `width` is 32.
+    /// Random parameters that keep the variance through ReLUs (He et al. 2015). The original's `width` is 32.
+    ///
+    /// PyTorch's own draw, which the original starts from, shrinks what tells two pictures apart by a factor of 2.4 a layer: codes
+    /// are then all but equal, and it takes ten thousands of steps until they are not.
     pub fn new(width: usize, code_dim: usize, device: &Device) -> Self {
-        let convolution = |input, output| Conv2dConfig::new([input, output], [3, 3]).with_stride([2, 2]).init(device);
+        let initializer = Initializer::KaimingUniform { gain: f64::sqrt(2.0), fan_out_only: false };
+        let convolution = |input, output| {
+            Conv2dConfig::new([input, output], [3, 3])
+                .with_stride([2, 2])
+                .with_initializer(initializer.clone())
+                .init(device)
+        };
         Self {
             conv0: convolution(3, width),
             conv1: convolution(width, 2 * width),
