@@ -75,7 +75,7 @@ impl Results {
     /// # Errors
     /// When the file cannot be read or written, or holds another measurement.
     pub fn open(path: &Path, measurement: Measurement) -> Result<Self> {
-        let mut scores = Vec::new();
+        let (mut scores, mut text) = (Vec::new(), line(path, &measurement)?);
         if path.exists() {
             let (earlier, found) = read_results(path)?;
             if earlier != measurement {
@@ -86,11 +86,9 @@ impl Results {
                 ));
             }
             scores = found;
-        }
-        // Written anew without what was cut short, then added to line by line.
-        let mut text = line(path, &measurement)?;
-        for score in &scores {
-            text += &line(path, score)?;
+            // As it is, but for what was cut short.
+            text = read_text(path)?;
+            text.truncate(text.rfind('\n').map_or(0, |end| end + 1));
         }
         dvr_core::files::write_bytes_atomically(path, text.as_bytes())?;
         let file = OpenOptions::new().append(true).open(path).map_err(|e| dvr_core::Error::io(path, e))?;
@@ -109,7 +107,8 @@ impl Results {
     pub fn add(&mut self, score: ObjectScore) -> Result<()> {
         let line = line(&self.path, &score)?;
         self.file.write_all(line.as_bytes()).map_err(|e| dvr_core::Error::io(&self.path, e))?;
-        self.scores.push(score);
+        // As a later run will read it: to the last digit the same means, however often the work was stopped.
+        self.scores.push(parse(&self.path, self.scores.len() + 1, &line)?);
         Ok(())
     }
 }
@@ -119,20 +118,29 @@ impl Results {
 /// # Errors
 /// When the file cannot be read, or is none.
 pub fn read_results(path: &Path) -> Result<(Measurement, Vec<ObjectScore>)> {
-    let text = std::fs::read_to_string(path).map_err(|e| dvr_core::Error::io(path, e))?;
-    let broken = |number: usize, e: serde_json::Error| {
-        refuse(path, format!("line {} is no result ({e})", number + 1), "Give an objects*.jsonl that `dvr eval` wrote.")
-    };
+    let text = read_text(path)?;
     let mut lines = text.split_inclusive('\n').enumerate();
     let (number, first) = lines.next().unwrap_or((0, ""));
-    let measurement: Measurement = serde_json::from_str(first).map_err(|e| broken(number, e))?;
+    let measurement: Measurement = parse(path, number, first)?;
     if measurement.version != VERSION {
         let problem = format!("results of version {}; this program reads version {VERSION}", measurement.version);
         return Err(refuse(path, problem, "Evaluate again."));
     }
     let whole = lines.filter(|(_, line)| line.ends_with('\n'));
-    let scores = whole.map(|(number, line)| serde_json::from_str(line).map_err(|e| broken(number, e)));
+    let scores = whole.map(|(number, line)| parse(path, number, line));
     Ok((measurement, scores.collect::<Result<_>>()?))
+}
+
+fn read_text(path: &Path) -> Result<String> {
+    std::fs::read_to_string(path).map_err(|e| dvr_core::Error::io(path, e).into())
+}
+
+/// What a line, counted from 0, says.
+fn parse<T: for<'de> Deserialize<'de>>(path: &Path, number: usize, line: &str) -> Result<T> {
+    serde_json::from_str(line).map_err(|e| {
+        let problem = format!("line {} is no result ({e})", number + 1);
+        refuse(path, problem, "Give an objects*.jsonl that `dvr eval` wrote.")
+    })
 }
 
 /// In what two measurements differ.
