@@ -1,5 +1,7 @@
 //! The nodes of a lattice that carry parameters.
 
+use rayon::prelude::*;
+
 use crate::lattice::Lattice;
 
 /// A set of nodes, as runs along x: what is trained, and all that training has to touch.
@@ -46,6 +48,36 @@ impl ActiveNodes {
         let mut active = vec![false; a.lattice.len()];
         a.iter().chain(b.iter()).for_each(|node| active[node] = true);
         Self::new(&a.lattice, |node| active[node])
+    }
+
+    /// The nodes that are at most `reach` nodes away, along each axis, from one with a neighbour of another sign; none of the
+    /// lattice's border.
+    ///
+    /// # Panics
+    /// When there are not as many values as nodes.
+    pub fn near_surface(lattice: &Lattice, values: &[f32], reach: usize) -> Self {
+        let nodes = lattice.nodes();
+        assert_eq!(values.len(), lattice.len(), "a value a node");
+        let strides = [1, nodes, nodes * nodes];
+        let changes = |node: usize| {
+            let inside = values[node] >= 0.0;
+            // Counting each pair of neighbours at its lower node loses a node of reach on the upper side, given back below.
+            lattice
+                .coordinates(node)
+                .into_iter()
+                .zip(strides)
+                .any(|(at, stride)| at + 1 < nodes && (values[node + stride] >= 0.0) != inside)
+        };
+        let mut near: Vec<bool> = (0..values.len()).into_par_iter().map(changes).collect();
+        for stride in strides {
+            let before = near.clone();
+            near.par_iter_mut().enumerate().for_each(|(node, near)| {
+                let at = node / stride % nodes;
+                let (first, last) = (at.saturating_sub(reach + 1), (at + reach).min(nodes - 1));
+                *near = (first..=last).any(|other| before[node + other * stride - at * stride]);
+            });
+        }
+        Self::new(lattice, |node| near[node] && lattice.coordinates(node).iter().all(|&c| c > 0 && c + 1 < nodes))
     }
 
     /// The lattice.
@@ -101,6 +133,29 @@ mod tests {
         let by_layer: usize = (0..9).flat_map(|z| active.layer(z)).map(|run| run.1 as usize).sum();
         assert_eq!(by_layer, active.count());
         assert!((0..9).all(|z| active.layer(z).iter().all(|run| run.0 as usize / 81 == z)));
+    }
+
+    #[test]
+    fn nodes_near_the_surface_are_those_within_reach_of_a_change_of_sign() {
+        let lattice = Lattice::new(33, 0.5);
+        let values: Vec<f32> = (0..lattice.len()).map(|i| 0.3 - lattice.position(i).length()).collect();
+        for reach in [1, 3] {
+            let near = ActiveNodes::near_surface(&lattice, &values, reach);
+            let mut member = vec![false; lattice.len()];
+            near.iter().for_each(|node| member[node] = true);
+            for (node, value) in values.iter().enumerate() {
+                let distance = value.abs() / lattice.spacing();
+                assert!(member[node] || distance >= reach as f32, "{node} is {distance} cells away");
+                assert!(
+                    !member[node] || distance < 3f32.sqrt() * (reach + 2) as f32,
+                    "{node} is {distance} cells away"
+                );
+            }
+        }
+        // The border stays out.
+        let half: Vec<f32> = (0..lattice.len()).map(|i| lattice.position(i).x - 0.01).collect();
+        let near = ActiveNodes::near_surface(&lattice, &half, 2);
+        assert!(near.count() > 31 * 31 && near.iter().all(|n| lattice.coordinates(n).iter().all(|&c| c > 0 && c < 32)));
     }
 
     #[test]

@@ -22,6 +22,7 @@ mod active;
 pub mod adam;
 pub mod cubic;
 mod lattice;
+mod mlp;
 pub mod pyramid;
 mod roughness;
 mod sign_map;
@@ -29,6 +30,7 @@ mod walk;
 
 pub use active::ActiveNodes;
 pub use lattice::{Cell, Lattice};
+pub use mlp::{LinearWeights, ResidualMlp};
 pub use roughness::Roughness;
 pub use sign_map::SignMap;
 pub use walk::{Segment, Walk};

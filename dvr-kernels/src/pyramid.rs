@@ -1,5 +1,7 @@
 //! Between lattices of which each has half the cells of the next: interpolation up, its transpose down.
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 
 use crate::active::ActiveNodes;
@@ -15,14 +17,11 @@ pub fn prolong_add<const C: usize>(coarse: &[f32], fine: &mut [f32], active: &Ac
     check(coarse.len(), fine.len(), coarse_nodes, nodes, C);
     fine.par_chunks_mut(C * nodes * nodes).enumerate().for_each(|(z, layer)| {
         let mut blend = vec![0.0f32; C * coarse_nodes];
-        let mut blended = usize::MAX;
         for &(start, length) in active.layer(z) {
             let start = start as usize - z * nodes * nodes;
             let (y, x) = (start / nodes, start % nodes);
-            if y != blended {
-                blend_rows(coarse, C * coarse_nodes, coarse_nodes, y, z, &mut blend);
-                blended = y;
-            }
+            let needed = C * (x / 2)..C * ((x + length as usize - 1).div_ceil(2) + 1);
+            blend_rows(coarse, C * coarse_nodes, coarse_nodes, y, z, needed, &mut blend);
             let (values, _) = layer[C * start..C * (start + length as usize)].as_chunks_mut::<C>();
             for (x, value) in (x..).zip(values) {
                 let (low, high) = (&blend[C * (x / 2)..], &blend[C * x.div_ceil(2)..]);
@@ -32,13 +31,13 @@ pub fn prolong_add<const C: usize>(coarse: &[f32], fine: &mut [f32], active: &Ac
     });
 }
 
-/// The coarse rows beside fine row `(y, z)`, averaged.
-fn blend_rows(coarse: &[f32], width: usize, nodes: usize, y: usize, z: usize, blend: &mut [f32]) {
-    let row = |y: usize, z: usize| &coarse[(z * nodes + y) * width..][..width];
+/// The coarse rows beside fine row `(y, z)`, averaged in the range that is needed.
+fn blend_rows(coarse: &[f32], width: usize, nodes: usize, y: usize, z: usize, needed: Range<usize>, blend: &mut [f32]) {
+    let row = |y: usize, z: usize| &coarse[(z * nodes + y) * width..][needed.clone()];
     let ys = [y / 2, y.div_ceil(2)];
     let zs = [z / 2, z.div_ceil(2)];
     let rows = [row(ys[0], zs[0]), row(ys[1], zs[0]), row(ys[0], zs[1]), row(ys[1], zs[1])];
-    for (i, value) in blend.iter_mut().enumerate() {
+    for (i, value) in blend[needed.clone()].iter_mut().enumerate() {
         *value = 0.25 * (rows[0][i] + rows[1][i] + rows[2][i] + rows[3][i]);
     }
 }
@@ -54,14 +53,11 @@ pub fn restrict<const C: usize>(fine: &[f32], coarse: &mut [f32], coarse_active:
     check(coarse.len(), fine.len(), coarse_nodes, nodes, C);
     coarse.par_chunks_mut(C * coarse_nodes * coarse_nodes).enumerate().for_each(|(z, layer)| {
         let mut sum = vec![0.0f32; C * nodes];
-        let mut summed = usize::MAX;
         for &(start, length) in coarse_active.layer(z) {
             let start = start as usize - z * coarse_nodes * coarse_nodes;
             let (y, x) = (start / coarse_nodes, start % coarse_nodes);
-            if y != summed {
-                sum_rows(fine, C * nodes, nodes, y, z, &mut sum);
-                summed = y;
-            }
+            let needed = C * (2 * x).saturating_sub(1)..C * (2 * (x + length as usize)).min(nodes);
+            sum_rows(fine, C * nodes, nodes, y, z, needed, &mut sum);
             let (values, _) = layer[C * start..C * (start + length as usize)].as_chunks_mut::<C>();
             for (x, value) in (x..).zip(values) {
                 for (c, value) in value.iter_mut().enumerate() {
@@ -74,8 +70,9 @@ pub fn restrict<const C: usize>(fine: &[f32], coarse: &mut [f32], coarse_active:
     });
 }
 
-/// The fine rows around coarse row `(y, z)`, weighted.
-fn sum_rows(fine: &[f32], width: usize, nodes: usize, y: usize, z: usize, sum: &mut [f32]) {
+/// The fine rows around coarse row `(y, z)`, weighted, in the range that is needed.
+fn sum_rows(fine: &[f32], width: usize, nodes: usize, y: usize, z: usize, needed: Range<usize>, sum: &mut [f32]) {
+    let sum = &mut sum[needed.clone()];
     sum.fill(0.0);
     for (dz, weight_z) in [(0, 0.5), (1, 1.0), (2, 0.5)] {
         for (dy, weight_y) in [(0, 0.5), (1, 1.0), (2, 0.5)] {
@@ -84,7 +81,7 @@ fn sum_rows(fine: &[f32], width: usize, nodes: usize, y: usize, z: usize, sum: &
                 continue;
             }
             let weight = weight_y * weight_z;
-            let row = &fine[(z * nodes + y) * width..][..width];
+            let row = &fine[(z * nodes + y) * width..][needed.clone()];
             sum.iter_mut().zip(row).for_each(|(sum, value)| *sum += weight * value);
         }
     }

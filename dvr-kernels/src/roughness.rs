@@ -1,5 +1,8 @@
 //! How rough a lattice's values are near their zero set, and the gradient of that.
 
+use std::ops::Range;
+
+use pulp::Arch;
 use rayon::prelude::*;
 
 use crate::active::ActiveNodes;
@@ -7,7 +10,7 @@ use crate::active::ActiveNodes;
 /// Nodes whose value is at most so many spacings from zero count as near the surface.
 const NEAR: f32 = 2.0;
 
-/// Measures roughness; keeps its working space between steps.
+/// Measures roughness at one set of active nodes; keeps its working space between steps.
 #[derive(Clone, Debug, Default)]
 pub struct Roughness {
     slopes: Vec<f32>,
@@ -33,29 +36,22 @@ impl Roughness {
         let lattice = active.lattice();
         let (nodes, plane, spacing) = (lattice.nodes(), lattice.nodes().pow(2), lattice.spacing());
         assert_eq!((values.len(), gradient.len()), (lattice.len(), lattice.len()), "a value a node");
-        self.slopes.clear();
+        // What is not active stays zero.
         self.slopes.resize(values.len(), 0.0);
-        let near = NEAR * spacing;
+        let arch = Arch::new();
+        let limits = Limits { near: NEAR * spacing, knee, spacing };
         let sums: Vec<(f64, usize)> = self
             .slopes
             .par_chunks_mut(plane)
             .enumerate()
             .map(|(z, slopes)| {
-                let (mut sum, mut count) = (0.0f64, 0);
+                let (mut sum, mut count) = (0.0, 0);
                 for &(start, length) in active.layer(z) {
-                    for node in start as usize..(start + length) as usize {
-                        let value = values[node];
-                        if value.abs() > near {
-                            continue;
-                        }
-                        let around = neighbour_sum(values, node, nodes);
-                        let laplacian = (around / 6.0 - value) / spacing;
-                        slopes[node - z * plane] = laplacian.clamp(-knee, knee);
-                        let size = laplacian.abs();
-                        let huber = if size <= knee { 0.5 * size * size } else { knee * (size - 0.5 * knee) };
-                        sum += f64::from(huber);
-                        count += 1;
-                    }
+                    let run = start as usize..(start + length) as usize;
+                    let slopes = &mut slopes[run.start - z * plane..run.end - z * plane];
+                    let found = arch.dispatch(|| measure(Around::new(values, run.clone(), nodes), slopes, &limits));
+                    sum += found.0;
+                    count += found.1;
                 }
                 (sum, count)
             })
@@ -68,26 +64,70 @@ impl Roughness {
         let slopes = &self.slopes;
         gradient.par_chunks_mut(plane).enumerate().for_each(|(z, gradient)| {
             for &(start, length) in active.layer(z) {
-                for node in start as usize..(start + length) as usize {
-                    let around = neighbour_sum(slopes, node, nodes);
-                    gradient[node - z * plane] += scale * (around / 6.0 - slopes[node]);
-                }
+                let run = start as usize..(start + length) as usize;
+                let gradient = &mut gradient[run.start - z * plane..run.end - z * plane];
+                arch.dispatch(|| spread(Around::new(slopes, run.clone(), nodes), gradient, scale));
             }
         });
         (sum / count as f64) as f32
     }
 }
 
-/// Sum over the six neighbours of a node that is not on the border.
-#[inline]
-fn neighbour_sum(values: &[f32], node: usize, nodes: usize) -> f32 {
-    let plane = nodes * nodes;
-    values[node - 1]
-        + values[node + 1]
-        + values[node - nodes]
-        + values[node + nodes]
-        + values[node - plane]
-        + values[node + plane]
+/// What counts, in units of the values.
+struct Limits {
+    near: f32,
+    knee: f32,
+    spacing: f32,
+}
+
+/// Numbers at a run of nodes and at their neighbours.
+struct Around<'a> {
+    own: &'a [f32],
+    neighbours: [&'a [f32]; 6],
+}
+
+impl<'a> Around<'a> {
+    /// For a run that is not on the border.
+    #[inline(always)]
+    fn new(values: &'a [f32], run: Range<usize>, nodes: usize) -> Self {
+        let plane = nodes * nodes;
+        let after = |distance: usize| &values[run.start + distance..run.end + distance];
+        let before = |distance: usize| &values[run.start - distance..run.end - distance];
+        let neighbours = [before(1), after(1), before(nodes), after(nodes), before(plane), after(plane)];
+        Self { own: &values[run], neighbours }
+    }
+
+    /// Number of the run's node `i`, and how much larger the mean of its neighbours is.
+    #[inline(always)]
+    fn at(&self, i: usize) -> (f32, f32) {
+        let sum = self.neighbours.iter().map(|values| values[i]).sum::<f32>();
+        (self.own[i], sum / 6.0 - self.own[i])
+    }
+}
+
+/// Slopes of the roughness of a run's nodes; their sum of roughness and the number of those near the surface.
+#[inline(always)]
+fn measure(values: Around, slopes: &mut [f32], limits: &Limits) -> (f64, usize) {
+    let Limits { near, knee, spacing } = *limits;
+    let (mut sum, mut count) = (0.0, 0);
+    for (i, slope) in slopes.iter_mut().enumerate() {
+        let (value, excess) = values.at(i);
+        let laplacian = excess / spacing;
+        let is_near = value.abs() <= near;
+        *slope = if is_near { laplacian.clamp(-knee, knee) } else { 0.0 };
+        // The Huber function by its slope: s^2 / 2 within the knee, and s beyond it for each further unit.
+        sum += f64::from(*slope * (laplacian - 0.5 * *slope));
+        count += usize::from(is_near);
+    }
+    (sum, count)
+}
+
+/// From slopes to the gradient by the values.
+#[inline(always)]
+fn spread(slopes: Around, gradient: &mut [f32], scale: f32) {
+    for (i, gradient) in gradient.iter_mut().enumerate() {
+        *gradient += scale * slopes.at(i).1;
+    }
 }
 
 #[cfg(test)]

@@ -3,6 +3,7 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
+use crate::active::ActiveNodes;
 use crate::cubic;
 use crate::lattice::Lattice;
 use crate::walk::Walk;
@@ -15,9 +16,11 @@ use crate::walk::Walk;
 #[derive(Clone, Debug)]
 pub struct SignMap {
     lattice: Lattice,
-    /// Cells, x fastest, in words of 64.
+    /// Nodes that are not negative, x fastest, in words of 64.
+    inside: Vec<u64>,
+    /// Cells, likewise.
     marked: Vec<u64>,
-    /// Words a row of cells.
+    /// Words a row.
     words: usize,
     /// The smallest box of cells around the marked ones: first, and one past the last.
     range: [[usize; 3]; 2],
@@ -25,11 +28,20 @@ pub struct SignMap {
 
 impl SignMap {
     /// Marks the cells of `values`.
+    ///
+    /// # Panics
+    /// When there are not as many values as nodes.
     pub fn new(lattice: &Lattice, values: &[f32]) -> Self {
-        let cells = lattice.cells();
-        let words = lattice.nodes().div_ceil(64);
-        let mut map = Self { lattice: *lattice, marked: vec![0; words * cells * cells], words, range: [[0; 3]; 2] };
-        map.rebuild(values);
+        let (nodes, cells) = (lattice.nodes(), lattice.cells());
+        assert_eq!(values.len(), lattice.len(), "a value a node");
+        let words = nodes.div_ceil(64);
+        let mut inside = vec![0; words * nodes * nodes];
+        inside.par_chunks_mut(words).zip(values.par_chunks(nodes)).with_min_len(nodes).for_each(|(bits, row)| {
+            write_bits(bits, 0, row);
+        });
+        let marked = vec![0; words * cells * cells];
+        let mut map = Self { lattice: *lattice, inside, marked, words, range: [[0; 3]; 2] };
+        map.mark();
         map
     }
 
@@ -38,26 +50,32 @@ impl SignMap {
         &self.lattice
     }
 
-    /// Marks the cells of other values on the same lattice.
+    /// Marks the cells of values that have changed at the active nodes alone.
     ///
     /// # Panics
-    /// When there are not as many values as nodes.
-    pub fn rebuild(&mut self, values: &[f32]) {
-        let (nodes, cells, words) = (self.lattice.nodes(), self.lattice.cells(), self.words);
+    /// When there are not as many values as nodes, or the nodes are another lattice's.
+    pub fn update(&mut self, values: &[f32], active: &ActiveNodes) {
+        assert_eq!(active.lattice(), &self.lattice, "nodes of the same lattice");
         assert_eq!(values.len(), self.lattice.len(), "a value a node");
-        // Bit x of a row: node x is not negative.
-        let row_bits = |row: &[f32], bits: &mut [u64]| {
-            for (word, chunk) in bits.iter_mut().zip(row.chunks(64)) {
-                *word = chunk.iter().enumerate().fold(0, |w, (i, &v)| w | u64::from(v >= 0.0) << i);
+        let (nodes, words) = (self.lattice.nodes(), self.words);
+        self.inside.par_chunks_mut(words * nodes).enumerate().for_each(|(z, layer)| {
+            for &(start, length) in active.layer(z) {
+                let start = start as usize;
+                let (y, x) = (start / nodes % nodes, start % nodes);
+                let row = &mut layer[y * words..(y + 1) * words];
+                write_bits(row, x, &values[start..start + length as usize]);
             }
-        };
-        let mut bits = vec![0u64; words * nodes * nodes];
-        bits.par_chunks_mut(words * nodes).zip(values.par_chunks(nodes * nodes)).for_each(|(layer, values)| {
-            layer.chunks_mut(words).zip(values.chunks(nodes)).for_each(|(bits, row)| row_bits(row, bits));
         });
+        self.mark();
+    }
+
+    /// From nodes to cells.
+    fn mark(&mut self) {
+        let (nodes, cells, words) = (self.lattice.nodes(), self.lattice.cells(), self.words);
+        let inside = &self.inside;
         self.marked.par_chunks_mut(words * cells).enumerate().for_each(|(z, layer)| {
             for (y, row) in layer.chunks_mut(words).enumerate() {
-                let at = |dy: usize, dz: usize, word: usize| bits[((z + dz) * nodes + y + dy) * words + word];
+                let at = |dy: usize, dz: usize, word: usize| inside[((z + dz) * nodes + y + dy) * words + word];
                 let any = |word: usize| at(0, 0, word) | at(1, 0, word) | at(0, 1, word) | at(1, 1, word);
                 for (word, out) in row.iter_mut().enumerate() {
                     let here = any(word);
@@ -121,6 +139,20 @@ impl SignMap {
             }
         }
         None
+    }
+}
+
+/// Sets the bits from `first` on: whether each value is not negative.
+fn write_bits(bits: &mut [u64], first: usize, values: &[f32]) {
+    let mut rest = values;
+    let mut at = first;
+    while !rest.is_empty() {
+        let (here, others) = rest.split_at(rest.len().min(64 - at % 64));
+        let ones = here.iter().enumerate().fold(0, |word, (i, &v)| word | u64::from(v >= 0.0) << i);
+        let mask = u64::MAX >> (64 - here.len());
+        bits[at / 64] = bits[at / 64] & !(mask << (at % 64)) | ones << (at % 64);
+        at += here.len();
+        rest = others;
     }
 }
 
@@ -210,6 +242,21 @@ mod tests {
             let hit = map.first_crossing(&values, origin, target - origin, 0.0, f32::INFINITY);
             // The sheet is a thousandth of a cell thick.
             assert!(hit.is_some_and(|t| (t - 1.0).abs() < 1e-4), "{hit:?}");
+        }
+    }
+
+    #[test]
+    fn values_that_change_at_active_nodes_are_marked_anew() {
+        for nodes in [9, 67] {
+            let (lattice, before) = noise(nodes, 0.9, 5);
+            let (_, other) = noise(nodes, 0.9, 6);
+            let active = ActiveNodes::new(&lattice, |node| node % 13 < 7);
+            let mut after = before.clone();
+            active.iter().for_each(|node| after[node] = other[node]);
+            let mut map = SignMap::new(&lattice, &before);
+            map.update(&after, &active);
+            let expected = SignMap::new(&lattice, &after);
+            assert!(map.inside == expected.inside && map.marked == expected.marked && map.range == expected.range);
         }
     }
 

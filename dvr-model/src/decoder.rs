@@ -5,9 +5,10 @@ use burn::module::Module;
 use burn::nn::{Initializer, Linear, LinearConfig};
 use burn::tensor::activation::{leaky_relu, relu, sigmoid};
 use burn::tensor::{Device, Int, Tensor};
-use dvr_render::{Field, FieldJet, FieldValues, Query, axis_direction};
+use dvr_render::{Field, FieldJet, FieldValues, Query, Snapshot, axis_direction};
 
 use crate::encoding;
+use crate::fused::{FusedDecoder, snapshots};
 
 /// Configuration of a [`Decoder`]. The defaults are the original's, but for the width.
 #[derive(Config, Debug, PartialEq)]
@@ -83,7 +84,7 @@ pub struct ResnetBlock {
 }
 
 /// Slope of the leaky ReLU for negative values, as in the original.
-const LEAK: f64 = 0.2;
+pub(crate) const LEAK: f64 = 0.2;
 
 impl Decoder {
     /// Raw outputs, `[n, 4]`: occupancy logit, then the colour before the sigmoid.
@@ -253,6 +254,14 @@ impl Field for Conditioned {
     fn device(&self) -> Device {
         self.decoder.fc_p.weight.val().device()
     }
+
+    fn snapshots(&self) -> Vec<Snapshot> {
+        if !FusedDecoder::suits(&self.decoder.fc_p.weight.val()) {
+            return Vec::new();
+        }
+        let fused = FusedDecoder::new(&self.decoder);
+        snapshots(if self.conditions.is_empty() { vec![fused] } else { fused.with_conditions(&self.conditions) })
+    }
 }
 
 impl Field for Decoder {
@@ -274,5 +283,9 @@ impl Field for Decoder {
 
     fn device(&self) -> Device {
         self.unconditioned().device()
+    }
+
+    fn snapshots(&self) -> Vec<Snapshot> {
+        self.unconditioned().snapshots()
     }
 }

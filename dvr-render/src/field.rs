@@ -2,6 +2,8 @@
 
 use burn::tensor::{Device, Int, Tensor};
 
+use crate::extract::ScalarField;
+
 /// Points at which a field is asked, and whose they are.
 #[derive(Clone, Debug)]
 pub struct Query {
@@ -98,7 +100,16 @@ pub trait Field: Sync {
 
     /// Where the parameters live.
     fn device(&self) -> Device;
+
+    /// What marching, rendering and extraction ask instead, where that is faster than tensors: the field as it is now, without
+    /// gradients, one snapshot an object. None where the field has no such thing, or not for its device.
+    fn snapshots(&self) -> Vec<Snapshot> {
+        Vec::new()
+    }
 }
+
+/// A field of one object that no longer changes.
+pub type Snapshot = Box<dyn ScalarField + Send + Sync>;
 
 /// Step of the default central differences, in object units: between rounding (1e-7 / step) and curvature (step^2).
 const DIFFERENCE_STEP: f32 = 1e-3;
@@ -128,5 +139,9 @@ impl<F: Field + ?Sized> Field for &F {
 
     fn device(&self) -> Device {
         (**self).device()
+    }
+
+    fn snapshots(&self) -> Vec<Snapshot> {
+        (**self).snapshots()
     }
 }

@@ -44,15 +44,17 @@ mod rays;
 mod root;
 mod shade;
 mod skip;
+mod snapshot_march;
 mod surface;
 mod view;
 
-pub use field::{Field, FieldJet, FieldValues, Query, axis_direction};
+pub use field::{Field, FieldJet, FieldValues, Query, Snapshot, axis_direction};
 pub use implicit_depth::{SlopeRule, dot, implicit_depth};
 pub use march::{Hits, March, MarchSettings, Marcher, TensorMarcher};
 pub use rays::Rays;
 pub use root::{Bracket, RootMethod};
 pub use shade::{FieldShader, MeshShader, RenderSettings, Shaded, Shader};
 pub use skip::SkipGrid;
+pub use snapshot_march::SnapshotMarcher;
 pub use surface::Surface;
 pub use view::{Rendering, render_view};

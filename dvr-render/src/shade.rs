@@ -1,14 +1,14 @@
 //! What rays see: the common view of fields and meshes.
 
-use burn::tensor::Tensor;
 use dvr_core::mesh::Mesh;
 use dvr_core::{Bvh, Ray, UnitCube};
 use glam::Vec3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::field::{Field, Query};
-use crate::march::{MarchSettings, Marcher, TensorMarcher};
+use crate::extract::{FieldSurface, ScalarField};
+use crate::field::Field;
+use crate::march::MarchSettings;
 use crate::rays::Rays;
 use crate::skip::SkipGrid;
 
@@ -51,9 +51,8 @@ impl Default for RenderSettings {
 }
 
 /// A field, marched.
-#[derive(Clone, Copy, Debug)]
 pub struct FieldShader<'a, F> {
-    field: &'a F,
+    surface: FieldSurface<&'a F>,
     settings: RenderSettings,
     skip: Option<&'a SkipGrid>,
 }
@@ -61,13 +60,73 @@ pub struct FieldShader<'a, F> {
 impl<'a, F: Field> FieldShader<'a, F> {
     /// A field that must not track gradients, searched in the whole cube or in what `skip` leaves of it.
     pub fn new(field: &'a F, settings: RenderSettings, skip: Option<&'a SkipGrid>) -> Self {
-        Self { field, settings, skip }
+        Self { surface: FieldSurface::new(field), settings, skip }
+    }
+
+    /// Marches one batch and evaluates colour and normal at its hits: `(ray, what it sees)`.
+    fn shade_batch(&self, rays: &Rays, settings: MarchSettings) -> Vec<(usize, Shaded)> {
+        let Some(hits) = self.surface.marcher(settings).march(rays, None).hits else { return Vec::new() };
+        let flat: Vec<f32> = hits.points().into_data().iter::<f32>().collect();
+        let points: Vec<Vec3> = flat.as_chunks().0.iter().map(|&p| Vec3::from_array(p)).collect();
+        // A field answers both: what has no gradient or colour is no `Field`.
+        let gradients = self.surface.gradients(&points).unwrap_or_else(|| vec![Vec3::ZERO; points.len()]);
+        let normals: Vec<Vec3> = gradients.into_iter().map(|gradient| (-gradient).normalize_or_zero()).collect();
+        let colors = self.surface.colors(&points, &normals).unwrap_or_else(|| vec![[1.0; 3]; points.len()]);
+        let depth = hits.depth.into_data();
+        let index = hits.index.into_data();
+        index
+            .iter::<i64>()
+            .zip(depth.iter::<f32>())
+            .zip(colors.into_iter().zip(normals))
+            .map(|((ray, depth), (color, normal))| (ray as usize, Shaded { depth, color, normal: normal.to_array() }))
+            .collect()
     }
 }
 
 impl<F: Field> Shader for FieldShader<'_, F> {
     fn shade(&self, rays: &[Ray]) -> Vec<Option<Shaded>> {
-        shade_rays(self.field, rays, &self.settings, self.skip)
+        let cube = UnitCube::default();
+        let device = self.surface.field().device();
+        let whole = 2.0 * cube.half_extent();
+        // Rays of like length share a batch, so that each batch can take as few samples as its longest ray needs.
+        let mut jobs: Vec<(usize, f64, f64, usize)> = rays
+            .iter()
+            .enumerate()
+            .filter_map(|(i, ray)| {
+                let (entry, exit) = match self.skip {
+                    Some(skip) => skip.interval(ray),
+                    None => cube.intersect(ray),
+                }?;
+                let share = (exit - entry) * ray.direction.length() / whole;
+                // Round up to powers of two: few different batch shapes.
+                let steps =
+                    ((self.settings.march.steps as f64 * share).ceil() as usize).clamp(4, self.settings.march.steps);
+                Some((
+                    i,
+                    entry,
+                    exit,
+                    if self.skip.is_some() { steps.next_power_of_two() } else { self.settings.march.steps },
+                ))
+            })
+            .collect();
+        jobs.sort_by_key(|&(i, _, _, steps)| (steps, i));
+        let batches: Vec<&[(usize, f64, f64, usize)]> =
+            jobs.chunk_by(|a, b| a.3 == b.3).flat_map(|group| group.chunks(self.settings.max_rays)).collect();
+        let shaded: Vec<(usize, Shaded)> = batches
+            .into_par_iter()
+            .flat_map_iter(|batch| {
+                let cut: Vec<_> = batch.iter().map(|&(i, entry, exit, _)| (rays[i], entry, exit)).collect();
+                let march = MarchSettings { steps: batch[0].3, ..self.settings.march };
+                self.shade_batch(&Rays::within(&cut, &device), march)
+                    .into_iter()
+                    .map(|(ray, shaded)| (batch[ray].0, shaded))
+            })
+            .collect();
+        let mut result = vec![None; rays.len()];
+        for (i, value) in shaded {
+            result[i] = Some(value);
+        }
+        result
     }
 }
 
@@ -106,66 +165,4 @@ impl Shader for MeshShader<'_> {
     fn shade(&self, rays: &[Ray]) -> Vec<Option<Shaded>> {
         rays.par_iter().map(|ray| self.shade_ray(ray)).collect()
     }
-}
-
-fn shade_rays(
-    field: &impl Field,
-    rays: &[Ray],
-    settings: &RenderSettings,
-    skip: Option<&SkipGrid>,
-) -> Vec<Option<Shaded>> {
-    let cube = UnitCube::default();
-    let whole = 2.0 * cube.half_extent();
-    // Rays of like length share a batch, so that each batch can take as few samples as its longest ray needs.
-    let mut jobs: Vec<(usize, f64, f64, usize)> = rays
-        .iter()
-        .enumerate()
-        .filter_map(|(i, ray)| {
-            let (entry, exit) = match skip {
-                Some(skip) => skip.interval(ray),
-                None => cube.intersect(ray),
-            }?;
-            let share = (exit - entry) * ray.direction.length() / whole;
-            // Round up to powers of two: few different batch shapes.
-            let steps = ((settings.march.steps as f64 * share).ceil() as usize).clamp(4, settings.march.steps);
-            Some((i, entry, exit, if skip.is_some() { steps.next_power_of_two() } else { settings.march.steps }))
-        })
-        .collect();
-    jobs.sort_by_key(|&(i, _, _, steps)| (steps, i));
-    let batches: Vec<&[(usize, f64, f64, usize)]> =
-        jobs.chunk_by(|a, b| a.3 == b.3).flat_map(|group| group.chunks(settings.max_rays)).collect();
-    let shaded: Vec<(usize, Shaded)> = batches
-        .into_par_iter()
-        .flat_map_iter(|batch| {
-            let cut: Vec<_> = batch.iter().map(|&(i, entry, exit, _)| (rays[i], entry, exit)).collect();
-            let march = MarchSettings { steps: batch[0].3, ..settings.march };
-            shade_batch(field, &Rays::within(&cut, &field.device()), march)
-                .into_iter()
-                .map(|(ray, shaded)| (batch[ray].0, shaded))
-        })
-        .collect();
-    let mut result = vec![None; rays.len()];
-    for (i, value) in shaded {
-        result[i] = Some(value);
-    }
-    result
-}
-
-/// Marches one batch and evaluates colour and normal at its hits: `(ray, what it sees)`.
-fn shade_batch(field: &impl Field, rays: &Rays, settings: MarchSettings) -> Vec<(usize, Shaded)> {
-    let Some(hits) = TensorMarcher::new(field, settings).march(rays, None).hits else { return Vec::new() };
-    let query: Query = hits.query();
-    let floats = |t: Tensor<2>| t.into_data().iter::<f32>().collect::<Vec<_>>();
-    let color = floats(field.evaluate(&query).color);
-    let gradient = floats(field.occupancy_gradient(&query));
-    let depth: Vec<f32> = hits.depth.into_data().iter::<f32>().collect();
-    let index: Vec<i64> = hits.index.into_data().iter::<i64>().collect();
-    let triple = |values: &[f32], i: usize| [values[3 * i], values[3 * i + 1], values[3 * i + 2]];
-    (0..depth.len())
-        .map(|i| {
-            let normal = (-glam::Vec3::from(triple(&gradient, i))).normalize_or_zero();
-            let shaded = Shaded { depth: depth[i], color: triple(&color, i), normal: normal.to_array() };
-            (index[i] as usize, shaded)
-        })
-        .collect()
 }

@@ -1,12 +1,11 @@
 //! Empty space that need not be marched: a coarse grid of cells that may hold surface.
 
-use burn::tensor::{Tensor, TensorData};
 use dvr_core::{Ray, UnitCube};
 use dvr_kernels::{Lattice, Walk};
+use glam::Vec3;
 use rayon::prelude::*;
 
-use crate::field::{Field, Query};
-use crate::march::chunks;
+use crate::extract::ScalarField;
 
 /// Cells of the padded cube, each marked if the object may be in it or beside it.
 ///
@@ -21,24 +20,17 @@ pub struct SkipGrid {
 }
 
 impl SkipGrid {
-    /// Asks the field at the `(cells + 1)^3` corners, `max_points` at once.
-    pub fn build(field: &impl Field, cube: UnitCube, cells: usize, max_points: usize) -> Self {
+    /// Asks the field at the `(cells + 1)^3` corners.
+    pub fn build(field: &(impl ScalarField + ?Sized), cube: UnitCube, cells: usize) -> Self {
         let nodes = cells + 1;
         let half = cube.half_extent() as f32;
         let step = 2.0 * half / cells as f32;
         let coordinate = |i: usize| i as f32 * step - half;
-        let blocks: Vec<_> = chunks(nodes * nodes * nodes, max_points).collect();
-        let inside: Vec<bool> = blocks
-            .into_par_iter()
-            .flat_map_iter(|(start, length)| {
-                let points: Vec<f32> = (start..start + length)
-                    .flat_map(|i| [i / (nodes * nodes), i / nodes % nodes, i % nodes].map(coordinate))
-                    .collect();
-                let points = Tensor::from_data(TensorData::new(points, [length, 3]), &field.device());
-                let logit = field.occupancy_logit(&Query::new(points)).into_data();
-                logit.iter::<f32>().map(|logit| logit >= 0.0).collect::<Vec<_>>()
-            })
-            .collect();
+        let mut inside = Vec::with_capacity(nodes * nodes * nodes);
+        for x in 0..nodes {
+            let slice = (0..nodes * nodes).map(|i| Vec3::from_array([x, i / nodes, i % nodes].map(coordinate)));
+            inside.extend(field.logits(&slice.collect::<Vec<_>>()).into_iter().map(|logit| logit >= 0.0));
+        }
         Self::of_cells(cube, cells, |[x, y, z]| any_corner_inside(&inside, nodes, [x, y, z]))
     }
 
@@ -94,28 +86,12 @@ fn dilated(cells: &[bool], n: usize) -> Vec<bool> {
 mod tests {
     use glam::DVec3;
 
-    use burn::tensor::Device;
-
     use super::*;
-    use crate::field::FieldValues;
-
-    /// A ball of radius 0.2 around (0.1, 0, 0).
-    struct Ball;
-
-    impl Field for Ball {
-        fn evaluate(&self, query: &Query) -> FieldValues {
-            let center = Tensor::<1>::from_floats([0.1, 0.0, 0.0], &self.device()).unsqueeze_dim::<2>(0);
-            let distance = (query.points.clone() - center).square().sum_dim(1).sqrt().squeeze_dim::<1>(1);
-            FieldValues { occupancy_logit: distance.neg() + 0.2, color: query.points.clone() }
-        }
-
-        fn device(&self) -> Device {
-            Device::flex()
-        }
-    }
 
     fn grid() -> SkipGrid {
-        SkipGrid::build(&Ball, UnitCube::default(), 22, 1000)
+        // A ball of radius 0.2 around (0.1, 0, 0).
+        let ball = |points: &[Vec3]| points.iter().map(|p| 0.2 - p.distance(Vec3::X * 0.1)).collect::<Vec<_>>();
+        SkipGrid::build(&ball, UnitCube::default(), 22)
     }
 
     #[test]

@@ -15,7 +15,8 @@ fn linked(root: &Path, count: usize) -> std::path::PathBuf {
     let category = root.join(format!("of_{count}/rings"));
     std::fs::create_dir_all(&category).expect("the temporary folder can be written");
     for i in 0..count {
-        std::os::unix::fs::symlink(root.join("rings/torus"), category.join(format!("{i:04}"))).expect("links can be made");
+        std::os::unix::fs::symlink(root.join("rings/torus"), category.join(format!("{i:04}")))
+            .expect("links can be made");
     }
     root.join(format!("of_{count}"))
 }

@@ -16,7 +16,8 @@ use dvr_core::{Camera, Ray, Scene, UnitCube};
 use dvr_model::{Decoder, DecoderConfig};
 use dvr_render::extract::{ExtractSettings, FieldSurface, extract_mesh};
 use dvr_render::{
-    Field, MarchSettings, Marcher, Query, Rays, RootMethod, Shader, SlopeRule, Surface, TensorMarcher, implicit_depth,
+    Field, FieldShader, MarchSettings, Marcher, Query, Rays, RenderSettings, Shader, SkipGrid, SlopeRule, Surface,
+    TensorMarcher, implicit_depth,
 };
 use dvr_train::{Capacity, FastConfig, FastTrainer, Learner, Supervision, TrainConfig, Trainer, ViewSplit};
 use glam::DVec3;
@@ -41,10 +42,13 @@ fn decoder(hidden: usize, device: &Device) -> Decoder {
 }
 
 /// Rays of a camera in front of the cube, evenly over its picture.
-fn rays(device: &Device) -> Rays {
+fn camera_rays() -> Vec<Ray> {
     let camera = Camera::look_at(32, 32, 40.0, DVec3::new(0.7, 0.5, -1.2), DVec3::ZERO, DVec3::Y);
-    let rays: Vec<Ray> = (0..RAYS as u32).map(|i| camera.pixel_ray(i % 32, i / 32)).collect();
-    Rays::new(&rays, UnitCube::default(), device)
+    (0..RAYS as u32).map(|i| camera.pixel_ray(i % 32, i / 32)).collect()
+}
+
+fn rays(device: &Device) -> Rays {
+    Rays::new(&camera_rays(), UnitCube::default(), device)
 }
 
 fn marching(c: &mut Criterion) {
@@ -54,13 +58,23 @@ fn marching(c: &mut Criterion) {
     for hidden in [128, 512] {
         let field = decoder(hidden, &device).valid();
         let rays = rays(&device);
-        for (name, root) in [("secant", RootMethod::Secant), ("chandrupatla", RootMethod::Chandrupatla)] {
-            let settings = MarchSettings { steps: 128, root, root_steps: 8, ..MarchSettings::default() };
-            let marcher = TensorMarcher::new(&field, settings);
-            group.bench_function(format!("{hidden} wide, 128 samples, 8 {name}"), |b| {
-                b.iter(|| black_box(marcher.march(&rays, None)));
-            });
-        }
+        let settings = MarchSettings { steps: 128, root_steps: 8, ..MarchSettings::default() };
+        let surface = FieldSurface::new(&field);
+        let tensors = TensorMarcher::new(&field, settings);
+        group.bench_function(format!("{hidden} wide, 128 samples + 8, tensors"), |b| {
+            b.iter(|| black_box(tensors.march(&rays, None)));
+        });
+        let fused = surface.marcher(settings);
+        group.bench_function(format!("{hidden} wide, 128 samples + 8, fused"), |b| {
+            b.iter(|| black_box(fused.march(&rays, None)));
+        });
+        let skip = SkipGrid::build(&surface, UnitCube::default(), 64);
+        let shading = RenderSettings { march: settings, ..RenderSettings::default() };
+        let shader = FieldShader::new(&field, shading, Some(&skip));
+        let rays = camera_rays();
+        group.bench_function(format!("{hidden} wide, 128 samples + 8, fused, skipping, shaded"), |b| {
+            b.iter(|| black_box(shader.shade(&rays)));
+        });
     }
     group.finish();
 }
@@ -73,7 +87,8 @@ fn root_search(c: &mut Criterion) {
     group.sample_size(10);
     for root_steps in [0, 4, 8] {
         let settings = MarchSettings { steps: 16, root_steps, ..MarchSettings::default() };
-        let marcher = TensorMarcher::new(&field, settings);
+        let surface = FieldSurface::new(&field);
+        let marcher = surface.marcher(settings);
         group.bench_function(format!("{root_steps} steps"), |b| b.iter(|| black_box(marcher.march(&rays, None))));
     }
     group.finish();

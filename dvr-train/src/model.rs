@@ -17,12 +17,11 @@ use crate::method::Method;
 const SKIP_CELLS: usize = 64;
 
 /// The field of a checkpoint, whatever the method.
-#[derive(Debug)]
 pub enum Model {
     /// The publication's network.
     Network {
         /// Its parameters, without gradient tracking.
-        decoder: Box<Decoder>,
+        surface: Box<FieldSurface<Decoder>>,
         /// Where its surface may be.
         skip: SkipGrid,
     },
@@ -39,8 +38,9 @@ impl Model {
         match &checkpoint.header.method {
             Method::Network(config) => {
                 let decoder = restore_module(&checkpoint.state.model, config.model.init(device))?.valid();
-                let skip = SkipGrid::build(&decoder, UnitCube::default(), SKIP_CELLS, 8192);
-                Ok(Self::Network { decoder: Box::new(decoder), skip })
+                let surface = Box::new(FieldSurface::new(decoder));
+                let skip = SkipGrid::build(surface.as_ref(), UnitCube::default(), SKIP_CELLS);
+                Ok(Self::Network { surface, skip })
             }
             Method::Objects(_) => Err(Error::Config(
                 "this run learned many objects and needs a picture to know which: use `dvr predict RUN IMAGE`, or \
@@ -58,10 +58,10 @@ impl Model {
     /// What rays see of it; a network is asked at `samples` points across the cube.
     pub fn shader(&self, samples: usize) -> Box<dyn Shader + '_> {
         match self {
-            Self::Network { decoder, skip } => {
+            Self::Network { surface, skip } => {
                 let march = MarchSettings { steps: samples, ..MarchSettings::default() };
                 let settings = RenderSettings { march, ..RenderSettings::default() };
-                Box::new(FieldShader::new(decoder.as_ref(), settings, Some(skip)))
+                Box::new(FieldShader::new(surface.field(), settings, Some(skip)))
             }
             Self::Lattice(field) => Box::new(field.as_ref()),
         }
@@ -70,13 +70,9 @@ impl Model {
     /// The same, but a network is asked everywhere: for parts that the grid of [`Model::shader`] misses.
     pub fn thorough_shader(&self) -> Box<dyn Shader + '_> {
         match self {
-            Self::Network { decoder, .. } => {
+            Self::Network { surface, .. } => {
                 let march = MarchSettings { steps: 64, ..MarchSettings::default() };
-                Box::new(FieldShader::new(
-                    decoder.as_ref(),
-                    RenderSettings { march, ..RenderSettings::default() },
-                    None,
-                ))
+                Box::new(FieldShader::new(surface.field(), RenderSettings { march, ..RenderSettings::default() }, None))
             }
             Self::Lattice(field) => Box::new(field.as_ref()),
         }
@@ -85,7 +81,7 @@ impl Model {
     /// How many numbers it consists of.
     pub fn parameters(&self) -> usize {
         match self {
-            Self::Network { decoder, .. } => decoder.num_params(),
+            Self::Network { surface, .. } => surface.field().num_params(),
             Self::Lattice(field) => lattice_file::stored_values(field),
         }
     }
@@ -94,21 +90,21 @@ impl Model {
 impl ScalarField for Model {
     fn logits(&self, points: &[Vec3]) -> Vec<f32> {
         match self {
-            Self::Network { decoder, .. } => FieldSurface::new(decoder.as_ref()).logits(points),
+            Self::Network { surface, .. } => surface.logits(points),
             Self::Lattice(field) => field.logits(points),
         }
     }
 
     fn gradients(&self, points: &[Vec3]) -> Option<Vec<Vec3>> {
         match self {
-            Self::Network { decoder, .. } => FieldSurface::new(decoder.as_ref()).gradients(points),
+            Self::Network { surface, .. } => surface.gradients(points),
             Self::Lattice(field) => field.gradients(points),
         }
     }
 
     fn colors(&self, points: &[Vec3], normals: &[Vec3]) -> Option<Vec<[f32; 3]>> {
         match self {
-            Self::Network { decoder, .. } => FieldSurface::new(decoder.as_ref()).colors(points, normals),
+            Self::Network { surface, .. } => surface.colors(points, normals),
             Self::Lattice(field) => field.colors(points, normals),
         }
     }

@@ -1,7 +1,8 @@
 //! One training step's loss: march without gradient, put the hits on the graph, compare with the pixels.
 
 use burn::tensor::{Device, IndexingUpdateOp, Int, Tensor, TensorData};
-use dvr_render::{Field, Hits, March, MarchSettings, Marcher, Query, Rays, Surface, TensorMarcher, axis_direction};
+use dvr_render::extract::FieldSurface;
+use dvr_render::{Field, Hits, March, MarchSettings, Query, Rays, Surface, axis_direction};
 use rand::Rng;
 
 use crate::batch::PixelBatch;
@@ -107,12 +108,9 @@ fn march_settings(config: &TrainConfig, step: usize) -> MarchSettings {
         steps: config.samples_at(step),
         root: config.root,
         root_steps: config.root_steps,
-        max_points: MARCHED_POINTS,
+        ..MarchSettings::default()
     }
 }
-
-/// Points that a march of training evaluates at once: with few, the activations stay in cache and no core is idle.
-const MARCHED_POINTS: usize = 2048;
 
 /// The sparse depth term: L1 between the depths at which rays hit and those at which they are known to end, weighted
 /// and divided by their number. `None` where no ray hits.
@@ -125,7 +123,7 @@ pub fn sparse_depth_loss(
     step: usize,
 ) -> Option<Tensor<1>> {
     let device = frozen.device();
-    let hits = TensorMarcher::new(frozen, march_settings(config, step)).march(rays, None).hits?;
+    let hits = FieldSurface::new(frozen).marcher(march_settings(config, step)).march(rays, None).hits?;
     let truth = floats(z_depth, &device).select(0, hits.index.clone());
     let depth = Surface::on_graph(field, frozen, &hits, config.slope).depth;
     let weight = config.losses.sparse_depth / z_depth.len() as f64;
@@ -212,7 +210,7 @@ fn search(frozen: &impl Field, batch: &PixelBatch, noise: &StepNoise, settings: 
     }
     let at = indices(&batch.searched, &frozen.device());
     let jitter = noise.jitter.as_ref().map(|jitter| floats(jitter, &frozen.device()).select(0, at.clone()));
-    Some(TensorMarcher::new(frozen, settings).march(&batch.rays.select(&at), jitter))
+    Some(FieldSurface::new(frozen).marcher(settings).march(&batch.rays.select(&at), jitter))
 }
 
 /// A random depth between each ray's entry into the cube and its exit, `[n]`.

@@ -14,10 +14,10 @@ use crate::backend::Backend;
 pub fn run(args: &ExportArgs) -> Result<ExitCode> {
     let checkpoint = load_run(&args.run)?;
     let model = Model::load(&checkpoint, &Backend::Cpu.device())?;
-    let (Model::Network { decoder, .. }, Method::Network(config)) = (&model, &checkpoint.header.method) else {
+    let (Model::Network { surface, .. }, Method::Network(config)) = (&model, &checkpoint.header.method) else {
         bail!("{} holds a lattice field, not a network: `dvr train --method network` makes one", args.run.display());
     };
-    save_safetensors(&args.out, decoder, &config.model)?;
+    save_safetensors(&args.out, surface.field(), &config.model)?;
     println!("wrote {}", args.out.display());
     Ok(ExitCode::SUCCESS)
 }

@@ -5,21 +5,39 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::ScalarField;
-use crate::field::{Field, Query};
+use crate::field::{Field, Query, Snapshot};
+use crate::march::{MarchSettings, Marcher, TensorMarcher};
+use crate::snapshot_march::SnapshotMarcher;
 
 /// Points evaluated at once by a thread: small enough for the activations to stay in cache.
 const CHUNK: usize = 4096;
 
-/// A [`Field`] without gradient tracking, seen as a [`ScalarField`].
-#[derive(Clone, Copy, Debug)]
-pub struct FieldSurface<'a, F> {
-    field: &'a F,
+/// A [`Field`] without gradient tracking, seen as a [`ScalarField`] and marched: through its snapshots where it has any,
+/// through tensors otherwise.
+pub struct FieldSurface<F> {
+    field: F,
+    snapshots: Vec<Snapshot>,
 }
 
-impl<'a, F: Field> FieldSurface<'a, F> {
-    /// Wraps a field, which must not track gradients (`Module::valid`).
-    pub fn new(field: &'a F) -> Self {
-        Self { field }
+impl<F: Field> FieldSurface<F> {
+    /// Wraps a field, which must not track gradients (`Module::valid`), or a reference to one.
+    pub fn new(field: F) -> Self {
+        let snapshots = field.snapshots();
+        Self { field, snapshots }
+    }
+
+    /// The field.
+    pub fn field(&self) -> &F {
+        &self.field
+    }
+
+    /// The fastest marcher that the field has.
+    pub fn marcher(&self, settings: MarchSettings) -> Box<dyn Marcher + '_> {
+        if self.snapshots.is_empty() {
+            Box::new(TensorMarcher::new(&self.field, settings))
+        } else {
+            Box::new(SnapshotMarcher::new(&self.snapshots, settings))
+        }
     }
 
     /// Evaluates chunks in parallel; the results stand in the order of the points, whatever the threads do.
@@ -41,17 +59,26 @@ fn triples(tensor: Tensor<2>) -> Vec<[f32; 3]> {
     flat.as_chunks().0.to_vec()
 }
 
-impl<F: Field> ScalarField for FieldSurface<'_, F> {
+impl<F: Field> ScalarField for FieldSurface<F> {
     fn logits(&self, points: &[Vec3]) -> Vec<f32> {
+        if let Some(snapshot) = self.snapshots.first() {
+            return snapshot.logits(points);
+        }
         self.in_parallel(points, |query| self.field.occupancy_logit(query).into_data().iter::<f32>().collect())
     }
 
     fn gradients(&self, points: &[Vec3]) -> Option<Vec<Vec3>> {
+        if let Some(snapshot) = self.snapshots.first() {
+            return snapshot.gradients(points);
+        }
         let rows = |query: &Query| triples(self.field.occupancy_gradient(query)).into_iter().map(Vec3::from).collect();
         Some(self.in_parallel(points, rows))
     }
 
-    fn colors(&self, points: &[Vec3], _normals: &[Vec3]) -> Option<Vec<[f32; 3]>> {
+    fn colors(&self, points: &[Vec3], normals: &[Vec3]) -> Option<Vec<[f32; 3]>> {
+        if let Some(snapshot) = self.snapshots.first() {
+            return snapshot.colors(points, normals);
+        }
         Some(self.in_parallel(points, |query| triples(self.field.evaluate(query).color)))
     }
 }

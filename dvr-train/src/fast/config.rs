@@ -20,6 +20,9 @@ pub struct FastConfig {
     pub capacity: Capacity,
     /// Cells along an edge of the shape lattice in the first stage; each stage has twice those of the one before.
     pub first_cells: usize,
+    /// Cells along an edge up to which everything in the visual hull is taught: concavities lie deep inside. In finer stages the
+    /// surface is known well enough to teach what is near it alone.
+    pub whole_cells: usize,
     /// The compact field may not take more bytes than this; 0 for no limit.
     pub max_bytes: usize,
     /// Steps of each stage.
@@ -170,6 +173,7 @@ impl FastConfig {
             seed: 0,
             capacity: Capacity::Auto { min_cells: 64, max_cells: 128, min_gain_db: 0.1 },
             first_cells: 32,
+            whole_cells: 128,
             max_bytes: 0,
             steps: 300,
             rays: 2048,

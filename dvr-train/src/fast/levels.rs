@@ -26,6 +26,8 @@ pub(super) struct Levels<const C: usize> {
     levels: Vec<Level>,
     /// What is added to the sum of the levels, at the finest nodes.
     base: Vec<f32>,
+    /// Whether the base is what earlier stages learned; see [`Levels::settled`].
+    is_settled: bool,
     baked: Vec<f32>,
     steps: i32,
 }
@@ -39,7 +41,7 @@ impl<const C: usize> Levels<C> {
             levels.push(Level::new(next, C));
         }
         levels.reverse();
-        Self { baked: base.clone(), levels, base, steps: 0 }
+        Self { baked: base.clone(), levels, base, is_settled: false, steps: 0 }
     }
 
     /// The finest lattice.
@@ -79,6 +81,11 @@ impl<const C: usize> Levels<C> {
         });
     }
 
+    /// Levels besides the finest.
+    pub fn coarser(&self) -> usize {
+        self.levels.len() - 1
+    }
+
     /// Parameters of all levels.
     pub fn parameters(&self) -> usize {
         self.levels.iter().map(|level| C * level.active.count()).sum()
@@ -98,9 +105,25 @@ impl<const C: usize> Levels<C> {
         }
         levels.reverse();
         levels.push(Level::new(active, C));
-        let mut refined = Self { baked: base.clone(), levels, base, steps: self.steps };
+        let mut refined = Self { baked: base.clone(), levels, base, is_settled: false, steps: self.steps };
         refined.bake();
         refined
+    }
+
+    /// Zero parameters at the active nodes and in `coarser` levels, on top of a base that holds at every second node what earlier
+    /// stages learned: where nothing is left to learn, nothing is stored and nothing is computed.
+    pub fn settled(active: ActiveNodes, base: Vec<f32>, coarser: usize) -> Self {
+        Self { is_settled: true, ..Self::new(active, base, coarser) }
+    }
+
+    /// What earlier stages learned, on the lattice of half the cells, of levels that are settled.
+    pub fn learned(&self) -> Option<Vec<f32>> {
+        let (fine, coarse) = (self.lattice(), halved(self.lattice()));
+        let of_node = |node: usize| {
+            let node = fine.index(coarse.coordinates(node).map(|c| 2 * c));
+            &self.base[C * node..C * (node + 1)]
+        };
+        self.is_settled.then(|| (0..coarse.len()).flat_map(of_node).copied().collect())
     }
 
     /// One step of Adam against the gradient, then the sum again. `rates` gives the step size of each level, coarse to
@@ -174,10 +197,23 @@ impl<const C: usize> Levels<C> {
 
 impl Level {
     fn new(active: ActiveNodes, channels: usize) -> Self {
+        // Each allocated as zeros rather than copied: the system hands out memory only where something is written.
         let total = channels * active.lattice().len();
-        let zeros = vec![0.0; total];
-        Self { active, parameters: zeros.clone(), gradient: zeros.clone(), moments: Moments::new(total), sum: zeros }
+        let zeros = || vec![0.0; total];
+        Self { active, parameters: zeros(), gradient: zeros(), moments: Moments::new(total), sum: zeros() }
     }
+}
+
+/// The lattice with half the cells.
+fn halved(lattice: &Lattice) -> Lattice {
+    Lattice::new(lattice.cells() / 2 + 1, lattice.half_extent())
+}
+
+/// Values on a lattice, interpolated on one of twice the cells.
+pub(super) fn prolonged<const C: usize>(values: &[f32], fine: &Lattice) -> Vec<f32> {
+    let mut prolonged = vec![0.0; C * fine.len()];
+    pyramid::prolong_add::<C>(values, &mut prolonged, &ActiveNodes::new(fine, |_| true));
+    prolonged
 }
 
 /// `target = parameters (+ base)` at the active nodes.
@@ -225,6 +261,24 @@ mod tests {
         }
         assert!((levels.baked()[lattice.index([4, 4, 4])] - 0.7).abs() < 0.02);
         assert_eq!(levels.baked()[0], 1.0, "not active");
+    }
+
+    #[test]
+    fn settling_keeps_the_function_and_what_is_stored_brings_it_back() {
+        let (coarse, fine) = (Lattice::new(9, 0.5), Lattice::new(17, 0.5));
+        let learned: Vec<f32> = (0..coarse.len()).map(|node| ((node * 7919) % 13) as f32 - 6.0).collect();
+        let near = || ActiveNodes::new(&fine, |node| fine.position(node).length() < 0.2);
+        let settled = |learned: &[f32]| Levels::<1>::settled(near(), prolonged::<1>(learned, &fine), 2);
+        let mut levels = settled(&learned);
+        for node in 0..fine.len() {
+            assert!((levels.baked()[node] - coarse.value(&learned, fine.position(node))).abs() < 1e-5, "{node}");
+        }
+        assert_eq!(levels.learned().unwrap(), learned);
+        levels.values_and_gradient_mut().1.fill(1.0);
+        levels.step(|_| 0.1);
+        let mut again = settled(&levels.learned().unwrap());
+        assert!(again.restore(&levels.state()));
+        assert_eq!(again.baked(), levels.baked());
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Where a fast run starts: the visual hull as a distance at the nodes of a lattice.
 
 use dvr_core::hull::{MaskDistance, hull_distance};
-use dvr_kernels::{ActiveNodes, Lattice};
+use dvr_kernels::{ActiveNodes, Lattice, pyramid};
 use rayon::prelude::*;
 
 /// Distances are known up to this, object units.
@@ -9,6 +9,24 @@ const REACH: f32 = 0.1;
 
 /// Cells around the hull in which the surface may move.
 const BAND_CELLS: f32 = 2.5;
+
+/// Adds to `values` what the hull's distance at the active nodes has more to tell than what is interpolated of it from every
+/// second node: the detail of outlines, for values that come from a lattice of half the cells.
+pub(super) fn add_hull_detail(masks: &[MaskDistance], active: &ActiveNodes, disagreeing: usize, values: &mut [f32]) {
+    let distances = |active: &ActiveNodes| {
+        let lattice = active.lattice();
+        let nodes: Vec<usize> = active.iter().collect();
+        let distance = |&node: &usize| hull_distance(masks, lattice.position(node), REACH, disagreeing);
+        let found: Vec<f32> = nodes.par_iter().map(distance).collect();
+        let mut distances = vec![0.0; lattice.len()];
+        nodes.iter().zip(found).for_each(|(&node, distance)| distances[node] = distance);
+        distances
+    };
+    let mut interpolated = vec![0.0; values.len()];
+    pyramid::prolong_add::<1>(&distances(&active.coarser()), &mut interpolated, active);
+    let exact = distances(active);
+    active.iter().for_each(|node| values[node] += exact[node] - interpolated[node]);
+}
 
 /// Distance to the hull at every node (positive inside), and the nodes at which the shape may change: the hull and a band
 /// around it. What lies outside stays outside.

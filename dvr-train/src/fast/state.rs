@@ -40,16 +40,20 @@ pub(super) fn to_bytes(
     kept: Option<(&Levels<1>, &Levels<3>)>,
 ) -> Result<Vec<u8>> {
     let named = [(PRESENT, Some(present)), (KEPT, kept)];
-    let tensors: Vec<(&str, Vec<u8>)> = named
-        .iter()
-        .filter_map(|(names, levels)| {
-            levels.map(|(shape, color)| [(names[0], shape.state()), (names[1], color.state())])
-        })
-        .flatten()
-        .map(|(name, values)| (name, values.iter().flat_map(|v| v.to_le_bytes()).collect()))
-        .collect();
+    let mut tensors: Vec<(String, Vec<u8>)> = Vec::new();
+    let mut add = |name: String, values: Vec<f32>| {
+        tensors.push((name, values.iter().flat_map(|v| v.to_le_bytes()).collect()));
+    };
+    for (names, levels) in named {
+        let Some((shape, color)) = levels else { continue };
+        add(names[0].into(), shape.state());
+        add(names[1].into(), color.state());
+        for (name, learned) in [(names[0], shape.learned()), (names[1], color.learned())] {
+            learned.into_iter().for_each(|learned| add(learned_name(name), learned));
+        }
+    }
     let views = tensors.iter().map(|(name, bytes)| {
-        TensorView::new(Dtype::F32, vec![bytes.len() / 4], bytes).map(|view| (*name, view)).map_err(broken)
+        TensorView::new(Dtype::F32, vec![bytes.len() / 4], bytes).map(|view| (name.as_str(), view)).map_err(broken)
     });
     let metadata = HashMap::from([(PROGRESS_KEY.to_owned(), serde_json::to_string(progress).map_err(broken)?)]);
     serialize(views.collect::<Result<Vec<_>>>()?, Some(metadata)).map_err(broken)
@@ -62,14 +66,32 @@ pub(super) fn progress(bytes: &[u8]) -> Result<Progress> {
     serde_json::from_str(text).map_err(broken)
 }
 
+/// Name of what stages before a settled one learned.
+fn learned_name(name: &str) -> String {
+    format!("{name}_learned")
+}
+
+/// What stages before a settled one learned, of shape and colour; `None` where the levels are not settled.
+pub(super) fn learned(bytes: &[u8], names: [&str; 2]) -> Result<Option<(Vec<f32>, Vec<f32>)>> {
+    let tensors = SafeTensors::deserialize(bytes).map_err(broken)?;
+    let [shape, color] = names.map(|name| values(&tensors, &learned_name(name)).ok());
+    Ok(shape.zip(color))
+}
+
+fn values(tensors: &SafeTensors, name: &str) -> Result<Vec<f32>> {
+    let tensor = tensors.tensor(name).map_err(broken)?;
+    let (words, _) = tensor.data().as_chunks::<4>();
+    Ok(words.iter().map(|&word| f32::from_le_bytes(word)).collect())
+}
+
+/// The state does not belong to this run.
+pub(super) fn misfit() -> Error {
+    broken("it is that of other masks or another configuration")
+}
+
 /// Puts the parameters back into levels of the same shapes.
 pub(super) fn restore(bytes: &[u8], names: [&str; 2], shape: &mut Levels<1>, color: &mut Levels<3>) -> Result<()> {
     let tensors = SafeTensors::deserialize(bytes).map_err(broken)?;
-    let values = |name: &str| -> Result<Vec<f32>> {
-        let tensor = tensors.tensor(name).map_err(broken)?;
-        let (words, _) = tensor.data().as_chunks::<4>();
-        Ok(words.iter().map(|&word| f32::from_le_bytes(word)).collect())
-    };
-    let fits = shape.restore(&values(names[0])?) && color.restore(&values(names[1])?);
-    if fits { Ok(()) } else { Err(broken("it is that of other masks or another configuration")) }
+    let fits = shape.restore(&values(&tensors, names[0])?) && color.restore(&values(&tensors, names[1])?);
+    if fits { Ok(()) } else { Err(misfit()) }
 }

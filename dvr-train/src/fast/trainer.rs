@@ -8,10 +8,10 @@ use rayon::prelude::*;
 
 use super::config::FastConfig;
 use super::growth::{Growth, Reached, Verdict};
-use super::levels::Levels;
+use super::levels::{Levels, prolonged};
 use super::rays::{Lesson, Scene, Tally, mean_object_color};
 use super::scatter::{gather_color, gather_shape};
-use super::start::hull_start;
+use super::start::{add_hull_detail, hull_start};
 use super::state;
 use super::views::{FastView, PixelOrder, mix};
 use crate::checkpoint::LearnerState;
@@ -29,6 +29,9 @@ const COLOR_REST: f32 = 1e-5;
 
 /// Rays that a task follows.
 const CHUNK: usize = 64;
+
+/// How near to the surface a node is taught where not all are, in nodes.
+const BAND_NODES: usize = 3;
 
 /// A lattice field in training.
 pub struct FastTrainer<'a> {
@@ -121,7 +124,7 @@ impl<'a> FastTrainer<'a> {
             Verdict::TakeBack => {
                 if let Some((shape, color)) = self.growth.take_back() {
                     (self.shape, self.color) = (shape, color);
-                    self.settle();
+                    self.follow_levels();
                 }
                 self.finished = true;
             }
@@ -178,7 +181,7 @@ impl<'a> FastTrainer<'a> {
         let rate = |first: f64, ratio: f64| move |level: usize| (first * decay * ratio.powi(level as i32)) as f32;
         self.shape.step(rate(config.shape_rate, config.shape_rate_ratio));
         self.color.step(rate(config.color_rate, config.color_rate_ratio));
-        self.map.rebuild(self.shape.baked());
+        self.map.update(self.shape.baked(), self.shape.active());
         self.step += 1;
         self.rays_drawn += config.rays as u64;
         self.report(&tally, roughness, self.config.shape_rate * decay)
@@ -224,24 +227,47 @@ impl<'a> FastTrainer<'a> {
         (chunks.into_iter().flat_map(|(lessons, _)| lessons).collect(), total)
     }
 
-    /// The next stage: twice the cells.
+    /// The next stage: twice the cells. Beyond `whole_cells`, they are taught near the surface alone.
     fn refine(&mut self) {
-        self.stage += 1;
         let cells = 2 * self.shape.lattice().cells();
+        if cells > self.config.whole_cells {
+            let (shape, color) = (self.shape.baked().to_vec(), self.color.baked().to_vec());
+            return self.settle_on(&shape, &color);
+        }
         let lattice = padded_cube(cells);
         let disagreeing = self.config.disagreeing_views.of(self.masks.len());
         let (base, active) = hull_start(&self.masks, &lattice, disagreeing);
         self.shape = self.shape.refined(active, base);
         let base = self.mean_color.repeat((cells / self.config.color_coarseness + 1).pow(3));
         self.color = self.color.refined(coarsened(self.shape.active(), self.config.color_coarseness), base);
-        self.settle();
+        self.enter_stage();
+    }
+
+    /// A stage that starts from what was learned on lattices of half the cells, and only moves what is near the surface.
+    fn settle_on(&mut self, shape: &[f32], color: &[f32]) {
+        let cells = 2 * self.shape.lattice().cells();
+        let lattice = padded_cube(cells);
+        let mut base = prolonged::<1>(shape, &lattice);
+        let near = ActiveNodes::near_surface(&lattice, &base, BAND_NODES);
+        add_hull_detail(&self.masks, &near, self.config.disagreeing_views.of(self.masks.len()), &mut base);
+        let near_color = coarsened(&near, self.config.color_coarseness);
+        let color = prolonged::<3>(color, near_color.lattice());
+        self.color = Levels::settled(near_color, color, self.color.coarser() + 1);
+        self.shape = Levels::settled(near, base, self.shape.coarser() + 1);
+        self.enter_stage();
+    }
+
+    fn enter_stage(&mut self) {
+        self.stage += 1;
+        self.follow_levels();
     }
 
     /// Brings everything up to date that follows from the levels.
-    fn settle(&mut self) {
+    fn follow_levels(&mut self) {
         self.shape_active = membership(self.shape.active());
         self.color_active = membership(self.color.active());
         self.map = SignMap::new(self.shape.lattice(), self.shape.baked());
+        self.roughness = Roughness::default();
     }
 
     fn report(&self, tally: &Tally, roughness: f32, learning_rate: f64) -> StepReport {
@@ -313,7 +339,17 @@ impl Learner for FastTrainer<'_> {
         // A stage that was taken back left its number, not its cells.
         while self.shape.lattice().cells() < progress.cells {
             kept = Some((self.shape.clone(), self.color.clone()));
-            self.refine();
+            let is_last = 2 * self.shape.lattice().cells() == progress.cells;
+            let names = if is_last { state::PRESENT } else { state::KEPT };
+            match state::learned(&state.training, names)? {
+                Some((shape, color)) if 2 * self.shape.lattice().cells() > self.config.whole_cells => {
+                    if (shape.len(), color.len()) != (self.shape.baked().len(), self.color.baked().len()) {
+                        return Err(state::misfit());
+                    }
+                    self.settle_on(&shape, &color);
+                }
+                _ => self.refine(),
+            }
         }
         state::restore(&state.training, state::PRESENT, &mut self.shape, &mut self.color)?;
         if let Some((shape, color)) = kept.as_mut().filter(|_| progress.has_kept) {
@@ -322,7 +358,7 @@ impl Learner for FastTrainer<'_> {
         self.stage = progress.stage;
         self.growth.resume(progress.reached, kept.filter(|_| progress.has_kept));
         (self.finished, self.rays_drawn, self.step) = (progress.finished, progress.rays_drawn, steps);
-        self.settle();
+        self.follow_levels();
         Ok(())
     }
 
@@ -364,25 +400,32 @@ fn color_start(shape: &Levels<1>, mean: [f32; 3], config: &FastConfig) -> Levels
 
 #[cfg(test)]
 mod tests {
+    use std::path::Path;
+
     use dvr_core::dataset::{ReadOptions, read_scene};
     use dvr_core::mesh::{TexturedMesh, shapes};
     use dvr_core::synth::{SynthConfig, render_dataset};
 
     use super::*;
+    use crate::fast::Capacity;
+
+    /// A small scene of a torus.
+    fn scene(folder: &Path) -> dvr_core::Scene {
+        let torus = TexturedMesh { mesh: shapes::torus(1.0, 0.45, 32, 16), ..TexturedMesh::default() };
+        let few = SynthConfig { views: 8, width: 32, height: 32, ..SynthConfig::default() };
+        render_dataset(&torus, "torus", "rings", folder, &few, &|_, _| ()).unwrap();
+        read_scene(&folder.join("rings/torus"), &ReadOptions::default()).unwrap()
+    }
 
     #[test]
     fn a_field_does_not_depend_on_the_number_of_threads() {
         let folder = tempfile::tempdir().unwrap();
-        let torus = TexturedMesh { mesh: shapes::torus(1.0, 0.45, 32, 16), ..TexturedMesh::default() };
-        let few = SynthConfig { views: 8, width: 32, height: 32, ..SynthConfig::default() };
-        render_dataset(&torus, "torus", "rings", folder.path(), &few, &|_, _| ()).unwrap();
-        let scene = read_scene(&folder.path().join("rings/torus"), &ReadOptions::default()).unwrap();
+        let scene = scene(folder.path());
         let field = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| {
                 let views = ViewSplit::new(&scene, 0).unwrap();
-                let config =
-                    FastConfig { steps: 20, capacity: super::super::Capacity::Cells(64), ..FastConfig::default() };
+                let config = FastConfig { steps: 20, capacity: Capacity::Cells(64), ..FastConfig::default() };
                 let mut trainer = FastTrainer::new(views, config).unwrap();
                 while trainer.steps_done() < trainer.total_steps() {
                     trainer.step().unwrap();
@@ -392,5 +435,35 @@ mod tests {
         };
         let (one, three) = (field(1), field(3));
         assert!(one.model == three.model && one.training == three.training, "bit for bit");
+    }
+
+    #[test]
+    fn a_run_goes_on_from_any_step_as_if_it_had_not_stopped() {
+        let folder = tempfile::tempdir().unwrap();
+        let scene = scene(folder.path());
+        // Stages of 16 cells, taught as a whole, and of 32 and 64, taught near the surface.
+        let config = FastConfig {
+            steps: 4,
+            first_cells: 16,
+            whole_cells: 16,
+            color_coarseness: 1,
+            capacity: Capacity::Cells(64),
+            ..FastConfig::default()
+        };
+        let start = || FastTrainer::new(ViewSplit::new(&scene, 0).unwrap(), config.clone()).unwrap();
+        let mut unbroken = start();
+        let mut states = Vec::new();
+        for _ in 0..12 {
+            unbroken.step().unwrap();
+            states.push(unbroken.state().unwrap());
+        }
+        let last = &states[11];
+        for (done, state) in states.iter().enumerate().map(|(i, state)| (i + 1, state)) {
+            let mut resumed = start();
+            resumed.resume(state, done).unwrap();
+            (done..12).for_each(|_| drop(resumed.step().unwrap()));
+            let end = resumed.state().unwrap();
+            assert!(end.model == last.model && end.training == last.training, "from step {done}, bit for bit");
+        }
     }
 }

@@ -4,6 +4,7 @@ use burn::module::Module;
 use burn::tensor::{Device, Int, Tensor, TensorData};
 use dvr_core::UnitCube;
 use dvr_model::{Conditioned, ImageModel};
+use dvr_render::extract::FieldSurface;
 use dvr_render::{MarchSettings, RenderSettings, SkipGrid};
 use image::RgbImage;
 
@@ -77,7 +78,7 @@ pub(crate) fn render_settings(samples: usize) -> RenderSettings {
 
 /// Where a field's surface may be.
 pub(crate) fn skip_grid(field: &Conditioned) -> SkipGrid {
-    SkipGrid::build(field, UnitCube::default(), SKIP_CELLS, 8192)
+    SkipGrid::build(&FieldSurface::new(field), UnitCube::default(), SKIP_CELLS)
 }
 
 /// Pictures of one size as `[b, 3, size, size]`, sRGB in `[0, 1]`; without pictures, one of one pixel that nobody looks at.
