@@ -3,7 +3,7 @@
 #
 #     scripts/furniture.sh OUT [further arguments of `dvr synth`]
 #
-# The meshes are those of the Debian package `sweethome3d-furniture` (Creative Commons and GPL, by model; see its copyright file), which is
+# The meshes are those of the Debian package `sweethome3d-furniture` (Creative Commons, CC0 or BY 3.0 by model; see its copyright file), which is
 # downloaded but not installed. Needs apt-get, dpkg-deb, unzip, and `dvr` on the PATH (or in $DVR). Stopped, it can be
 # started again and goes on: objects that are there already are kept. OUT/meshes holds the unpacked models, OUT/data the dataset.
 set -eu

@@ -136,7 +136,7 @@ pub struct TrainArgs {
     #[arg(long, short, value_name = "DIR", required_unless_present = "print_config")]
     pub out: Option<PathBuf>,
     /// Continue the run in --out from its last checkpoint
-    #[arg(long, conflicts_with_all = ["overwrite", "config", "set", "supervision", "steps", "seed", "method", "capacity", "max_bytes"])]
+    #[arg(long, conflicts_with_all = ["overwrite", "config", "set", "supervision", "steps", "seed", "method", "capacity", "max_bytes", "categories", "inputs"])]
     pub resume: bool,
     /// Replace the run in --out
     #[arg(long)]
@@ -182,7 +182,7 @@ pub struct TrainArgs {
 }
 
 /// How a dataset of objects is read.
-#[derive(Args, Clone, Debug)]
+#[derive(Args, Clone, Debug, Default)]
 #[command(next_help_heading = "Datasets of objects")]
 pub struct ObjectsArgs {
     /// Only these categories, by folder or by name; separate with commas
@@ -401,6 +401,8 @@ pub struct EvalObjectsArgs {
     /// Measure a baseline instead of a run
     #[arg(long, value_enum, requires = "data", requires = "out")]
     pub baseline: Option<Baseline>,
+    #[command(flatten)]
+    pub reading: ObjectsArgs,
     /// Join results (objects*.jsonl): shards become one table, several subjects stand side by side
     #[arg(long, num_args = 1.., value_name = "FILE", requires = "out", conflicts_with_all = ["baseline", "data"])]
     pub merge: Vec<PathBuf>,

@@ -206,6 +206,7 @@ fn what_makes_no_sense_is_refused_before_anything_is_written() {
     refuses(&corpus.train("x", &["--method", "fast"]), &["--method network"]);
     refuses(&corpus.train("x", &["--categories", "cubes"]), &["`cubes`", "balls, rings"]);
     refuses(&corpus.train("x", &["--set", "views=0"]), &["views"]);
+    refuses(&corpus.train("x", &["--downscale", "2"]), &["--downscale", "single scenes"]);
     refuses(&corpus.train("x", &["--inputs", text(&corpus.path("nowhere"))]), &["nowhere"]);
     assert!(!corpus.path("x/last.ckpt").exists());
     let out = corpus.path("out");

@@ -74,8 +74,8 @@ pub use method::Method;
 pub use model::Model;
 pub use objective::{StepLoss, StepNoise, sparse_depth_loss, step_loss};
 pub use objects::{
-    MeanScore, MeanShapes, Measurement, NearestPicture, ObjectModel, ObjectScore, ObjectsConfig, ObjectsMetrics,
-    ObjectsTrainer, Results, Shape, Shard, Subject, Summary, TrainedObjects, evaluate_objects, finish_objects,
+    Evaluation, MeanScore, MeanShapes, Measurement, NearestPicture, ObjectModel, ObjectScore, ObjectsConfig,
+    ObjectsMetrics, ObjectsTrainer, Results, Shape, Shard, Subject, Summary, TrainedObjects, finish_objects,
     judged_input, merge_results, read_results, to_markdown, train_objects, write_summaries,
 };
 pub use run::{Observer, RunFolder, RunOptions, Stop, Trained, train};

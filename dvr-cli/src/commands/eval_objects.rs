@@ -6,10 +6,10 @@ use std::sync::atomic::Ordering;
 
 use anyhow::{Context, Result, bail};
 use clap::ValueEnum;
-use dvr_core::dataset::{ObjectDataset, ObjectOptions};
+use dvr_core::dataset::ObjectDataset;
 use dvr_train::{
-    Checkpoint, MeanShapes, Measurement, NearestPicture, ObjectModel, Observer, Results, Shard, Subject, Summary,
-    evaluate_objects, merge_results, to_markdown, write_summaries,
+    Checkpoint, Evaluation, MeanShapes, Measurement, NearestPicture, ObjectModel, Observer, Results, Shard, Subject,
+    Summary, merge_results, to_markdown, write_summaries,
 };
 
 use super::mesh_options;
@@ -26,7 +26,13 @@ const OBJECT_RESOLUTION: u32 = 128;
 pub fn of_run(args: &EvalArgs, run: &Path, checkpoint: &Checkpoint) -> Result<ExitCode> {
     let model = ObjectModel::load(checkpoint, &args.backend.backend.device())?;
     let root = args.data.as_ref().unwrap_or(&checkpoint.header.scene);
-    let dataset = ObjectDataset::open(root, options_of_run(checkpoint)?)
+    let mut options = options_of_run(checkpoint)?;
+    let given = &args.objects.reading;
+    if !given.categories.is_empty() {
+        options.categories.clone_from(&given.categories);
+    }
+    options.inputs = given.inputs.clone().or(options.inputs);
+    let dataset = ObjectDataset::open(root, options)
         .with_context(|| format!("the run's dataset, {} (--data says where it is now)", root.display()))?;
     let folder = if run.is_dir() { run.to_owned() } else { run.parent().unwrap_or(Path::new(".")).to_owned() };
     let split = args.objects.split.unwrap_or(SplitArg::Test);
@@ -46,8 +52,7 @@ pub fn without_run(args: &EvalArgs) -> Result<ExitCode> {
     let (Some(baseline), Some(root)) = (args.objects.baseline, &args.data) else {
         bail!("give a run to measure, or --baseline with --data, or --merge")
     };
-    let options = ObjectOptions { visual_hull_depth: args.reading.visual_hull_depth, ..ObjectOptions::default() };
-    let dataset = ObjectDataset::open(root, options)?;
+    let dataset = ObjectDataset::open(root, args.objects.reading.options(&args.reading))?;
     let training = dataset.of_split(dvr_core::Split::Train).len();
     let mut progress = Progress::new();
     progress.phase("reading training objects", training);
@@ -99,16 +104,8 @@ fn measure(
     let path = out.join(file);
     let mut results = Results::open(&path, measurement.clone())?;
     interrupt_on_ctrl_c()?;
-    let broken = evaluate_objects(
-        dataset,
-        subject,
-        split,
-        shard,
-        &extraction,
-        &mut results,
-        &INTERRUPTED,
-        &mut Progress::new(),
-    )?;
+    let evaluation = Evaluation { dataset, subject, split, shard, extraction: &extraction };
+    let broken = evaluation.run(&mut results, &INTERRUPTED, &mut Progress::new())?;
     if INTERRUPTED.load(Ordering::Relaxed) {
         eprintln!("stopped; {} objects are in {}. The same command goes on", results.scores.len(), path.display());
         return Ok(ExitCode::from(EXIT_INTERRUPTED));

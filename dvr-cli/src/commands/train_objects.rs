@@ -6,13 +6,13 @@ use std::sync::Arc;
 use anyhow::{Context, Result, bail};
 use cpu_time::ProcessTime;
 use dvr_core::Split;
-use dvr_core::dataset::{ObjectDataset, ObjectOptions};
+use dvr_core::dataset::{ObjectDataset, ObjectOptions, ReadOptions};
 use dvr_train::{
     Checkpoint, Method, ObjectsConfig, ObjectsMetrics, RunFolder, Stop, Trained, finish_objects, train_objects,
 };
 
 use super::train::{interrupted, prepare, run_options};
-use crate::args::TrainArgs;
+use crate::args::{SceneArgs, TrainArgs};
 use crate::progress::Progress;
 
 /// Trains, then writes preview and figures.
@@ -29,6 +29,7 @@ pub fn run(
         }
         None => {
             let Some(path) = args.scene.clone() else { bail!("no dataset was given") };
+            refuse_scene_options(&args.reading)?;
             (path, args.objects.options(&args.reading))
         }
     };
@@ -46,6 +47,20 @@ pub fn run(
     let metrics = finish_objects(&dataset, &result, folder, &options.device, &mut progress)?;
     report(&metrics, &result.trained, folder, cpu_seconds);
     Ok(ExitCode::SUCCESS)
+}
+
+/// Refuses what has a meaning for a single scene only.
+fn refuse_scene_options(reading: &SceneArgs) -> Result<()> {
+    let given = reading.read_options();
+    let shared =
+        ReadOptions { format: given.format, visual_hull_depth: given.visual_hull_depth, ..ReadOptions::default() };
+    if given != shared {
+        bail!(
+            "--downscale, --background, --views, --ignore and --normalise are for single scenes; objects of a dataset are \
+             read as they are"
+        );
+    }
+    Ok(())
 }
 
 /// How the dataset of a run was read.

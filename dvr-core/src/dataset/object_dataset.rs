@@ -42,6 +42,19 @@ pub struct ObjectOptions {
 }
 
 /// A dataset of many objects in the DVR layout.
+///
+/// ```no_run
+/// use dvr_core::Split;
+/// use dvr_core::dataset::{ObjectDataset, ObjectOptions};
+///
+/// let dataset = ObjectDataset::open("ShapeNet".as_ref(), ObjectOptions::default())?;
+/// for object in dataset.of_split(Split::Val) {
+///     let picture = dataset.read_input(object, 0, 224)?; // what an encoder sees
+///     let view = dataset.read_view(object, 12)?; // what teaches or judges
+///     println!("{}: {} and {}", dataset.objects()[object].name, picture.width(), view.name);
+/// }
+/// # Ok::<(), dvr_core::Error>(())
+/// ```
 pub struct ObjectDataset {
     root: PathBuf,
     options: ObjectOptions,
@@ -132,13 +145,13 @@ impl ObjectDataset {
         let files = self.files(object)?;
         let names = &files.names.views[view];
         let root = &self.objects[object].path;
-        let full = |path: &Box<Path>| root.join(path);
+        let full = |path: &Path| root.join(path);
         let projection = files.projections[view];
         let found = FoundView {
             name: stem(&names.image),
             image: full(&names.image),
-            mask: names.mask.as_ref().map(full),
-            depth: names.depth.as_ref().map(full),
+            mask: names.mask.as_deref().map(full),
+            depth: names.depth.as_deref().map(full),
             projection,
             split: Split::Train,
         };

@@ -29,97 +29,107 @@ impl Shard {
     pub const WHOLE: Self = Self { number: 1, of: 1 };
 }
 
-/// Measures the subject on the objects of `split` that are in the shard and not yet in `results`, which hears of each
-/// when it is done. `broken` hears of objects that cannot be measured, as `category/name`, with the reason.
-///
-/// The figures of an object depend on the seed and its files alone. Setting `interrupted` ends the work after the objects
-/// that are under way.
-///
-/// # Errors
-/// When results cannot be written.
-#[allow(clippy::too_many_arguments, reason = "each is a thing of its own, and all are needed at once")]
-pub fn evaluate_objects(
-    dataset: &ObjectDataset,
-    subject: &Subject,
-    split: Split,
-    shard: Shard,
-    extraction: &ExtractSettings,
-    results: &mut Results,
-    interrupted: &AtomicBool,
-    observer: &mut dyn Observer,
-) -> Result<Vec<(String, String)>> {
-    let part = dataset.of_split(split).into_iter().skip(shard.number - 1).step_by(shard.of);
-    let wanted: Vec<usize> = part
-        .filter(|&object| {
-            let object = &dataset.objects()[object];
-            !results.holds(&object.category, &object.name)
-        })
-        .collect();
-    let measurement = results.measurement.clone();
-    observer.phase("evaluating objects", wanted.len());
-    let mut broken = Vec::new();
-    let mut failed = None;
-    rayon::in_place_scope(|scope| {
-        let (sender, receiver) = channel();
-        scope.spawn(|_| {
-            let sender = sender;
-            wanted.par_iter().for_each_with(sender, |sender, &object| {
-                if !interrupted.load(Ordering::Relaxed) {
-                    let score = score_object(dataset, subject, object, extraction, measurement.seed, measurement.views);
-                    // Nobody listens any more where results could not be written; that error is told.
-                    let _ = sender.send((object, score));
-                }
+/// What is to be measured on which objects.
+pub struct Evaluation<'a> {
+    /// The objects.
+    pub dataset: &'a ObjectDataset,
+    /// What makes their shapes.
+    pub subject: &'a Subject,
+    /// Which of the objects.
+    pub split: Split,
+    /// Which part of these.
+    pub shard: Shard,
+    /// How models are made meshes.
+    pub extraction: &'a ExtractSettings,
+}
+
+impl Evaluation<'_> {
+    /// Measures the objects that are not yet in `results`, which hears of each when it is done. Objects that cannot be
+    /// measured are returned, as `category/name`, with the reason.
+    ///
+    /// The figures of an object depend on the seed and its files alone. Setting `interrupted` ends the work after the
+    /// objects that are under way.
+    ///
+    /// # Errors
+    /// When results cannot be written.
+    pub fn run(
+        &self,
+        results: &mut Results,
+        interrupted: &AtomicBool,
+        observer: &mut dyn Observer,
+    ) -> Result<Vec<(String, String)>> {
+        let wanted = self.wanted(results);
+        let (seed, views) = (results.measurement.seed, results.measurement.views);
+        observer.phase("evaluating objects", wanted.len());
+        let mut broken = Vec::new();
+        let mut failed = None;
+        rayon::in_place_scope(|scope| {
+            let (sender, receiver) = channel();
+            let wanted = &wanted;
+            scope.spawn(move |_| {
+                // Ends early where somebody asks, or nobody listens any more.
+                let _ = wanted.par_iter().try_for_each_with(sender, |sender, &object| {
+                    let stop = interrupted.load(Ordering::Relaxed);
+                    (!stop).then(|| sender.send((object, self.score(object, seed, views))).ok()).flatten()
+                });
             });
-        });
-        for (done, (object, score)) in receiver.iter().enumerate() {
-            match score {
-                Ok(score) => {
-                    if let Err(error) = results.add(score) {
+            for (done, (object, score)) in receiver.iter().enumerate() {
+                match score.map(|score| results.add(score)) {
+                    Ok(Ok(())) => (),
+                    Ok(Err(error)) => {
                         failed = Some(error);
                         return;
                     }
+                    Err(problem) => {
+                        let title = self.title(object);
+                        observer.note(&format!("{title} is left out: {problem}"));
+                        broken.push((title, problem.to_string()));
+                    }
                 }
-                Err(problem) => {
-                    let object = &dataset.objects()[object];
-                    let title = format!("{}/{}", object.category, object.name);
-                    observer.note(&format!("{title} is left out: {problem}"));
-                    broken.push((title, problem.to_string()));
-                }
+                observer.progress(done + 1, "");
             }
-            observer.progress(done + 1, "");
-        }
-    });
-    broken.sort();
-    failed.map_or(Ok(broken), Err)
-}
+        });
+        broken.sort();
+        failed.map_or(Ok(broken), Err)
+    }
 
-fn score_object(
-    dataset: &ObjectDataset,
-    subject: &Subject,
-    object: usize,
-    extraction: &ExtractSettings,
-    seed: u64,
-    views: usize,
-) -> Result<ObjectScore> {
-    let input = judged_input(dataset, object, seed)?;
-    let truth = dataset.read_ground_truth(object)?;
-    let shape = subject.shape(dataset, object, input, extraction)?;
-    let agreement = match &shape {
-        Shape::Mesh(mesh) if views > 0 => {
-            let all = dataset.views(object)?;
-            let chosen = (0..views.min(all)).map(|i| dataset.read_view(object, i * all / views.min(all)));
-            let chosen = chosen.collect::<dvr_core::Result<Vec<_>>>()?;
-            agreement(&MeshShader::new(mesh), &chosen.iter().collect::<Vec<_>>(), usize::MAX)
-        }
-        _ => None,
-    };
-    let object = &dataset.objects()[object];
-    Ok(ObjectScore {
-        category: object.category.clone(),
-        category_name: object.category_name.clone(),
-        name: object.name.clone(),
-        input,
-        shape: shape.evaluate(&truth, seed)?,
-        views: agreement,
-    })
+    /// The objects of the shard whose figures are not there yet.
+    fn wanted(&self, results: &Results) -> Vec<usize> {
+        let shard = self.dataset.of_split(self.split).into_iter().skip(self.shard.number - 1).step_by(self.shard.of);
+        let is_missing = |&object: &usize| {
+            let object = &self.dataset.objects()[object];
+            !results.holds(&object.category, &object.name)
+        };
+        shard.filter(is_missing).collect()
+    }
+
+    fn title(&self, object: usize) -> String {
+        let object = &self.dataset.objects()[object];
+        format!("{}/{}", object.category, object.name)
+    }
+
+    fn score(&self, object: usize, seed: u64, views: usize) -> Result<ObjectScore> {
+        let dataset = self.dataset;
+        let input = judged_input(dataset, object, seed)?;
+        let truth = dataset.read_ground_truth(object)?;
+        let shape = self.subject.shape(dataset, object, input, self.extraction)?;
+        let agreement = match &shape {
+            Shape::Mesh(mesh) if views > 0 => {
+                let all = dataset.views(object)?;
+                let chosen = (0..views.min(all)).map(|i| dataset.read_view(object, i * all / views.min(all)));
+                let chosen = chosen.collect::<dvr_core::Result<Vec<_>>>()?;
+                agreement(&MeshShader::new(mesh), &chosen.iter().collect::<Vec<_>>(), usize::MAX)
+            }
+            _ => None,
+        };
+        let object = &dataset.objects()[object];
+        Ok(ObjectScore {
+            category: object.category.clone(),
+            category_name: object.category_name.clone(),
+            name: object.name.clone(),
+            input,
+            shape: shape.evaluate(&truth, seed)?,
+            views: agreement,
+        })
+    }
 }

@@ -17,7 +17,7 @@ mod trainer;
 mod validate;
 
 pub use config::ObjectsConfig;
-pub use evaluate::{Shard, evaluate_objects};
+pub use evaluate::{Evaluation, Shard};
 pub use mean_shape::MeanShapes;
 pub use model::ObjectModel;
 pub use nearest_picture::NearestPicture;

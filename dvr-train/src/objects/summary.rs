@@ -224,7 +224,7 @@ mod tests {
         let mut turned = scores.to_vec();
         turned.reverse();
         assert_eq!(Summary::new(measurement("run"), &turned), summary, "whatever the order");
-        let table = to_markdown(&[summary.clone()]);
+        let table = to_markdown(std::slice::from_ref(&summary));
         assert!(
             table.contains("| category | objects | volume IoU |") && table.contains("| bed | 2 | 0.300 |"),
             "{table}"

@@ -78,7 +78,7 @@ fn batches_come_in_the_order_of_steps_and_every_epoch_has_every_object_once() {
     let mut loader = Loader::start(&drawer, 1);
     let mut rows = Vec::new();
     for step in 1..=6 {
-        let (ahead, alone) = (loader.next().unwrap(), drawer.draw(step).unwrap());
+        let (ahead, alone) = (loader.next_batch().unwrap(), drawer.draw(step).unwrap());
         assert_eq!((&ahead.rows, &ahead.inputs), (&alone.rows, &alone.inputs), "step {step}");
         let Lesson::Pixels { pixels, owner, .. } = ahead.lesson else { panic!("pixels teach") };
         let Lesson::Pixels { pixels: again, .. } = alone.lesson else { panic!("pixels teach") };
@@ -93,7 +93,7 @@ fn batches_come_in_the_order_of_steps_and_every_epoch_has_every_object_once() {
     }
     assert_ne!(rows[..6], rows[6..12], "each in an order of its own");
     let mut later = Loader::start(&drawer, 4);
-    assert_eq!(later.next().unwrap().rows, drawer.draw(4).unwrap().rows, "a resumed run goes on there");
+    assert_eq!(later.next_batch().unwrap().rows, drawer.draw(4).unwrap().rows, "a resumed run goes on there");
 }
 
 #[test]

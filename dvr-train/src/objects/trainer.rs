@@ -135,7 +135,7 @@ impl Learner for ObjectsTrainer {
     /// All randomness comes from the seed and the step's number: a resumed run draws what an unbroken one would.
     fn step(&mut self) -> Result<StepReport> {
         let loader = self.loader.get_or_insert_with(|| Loader::start(&self.drawer, self.step + 1));
-        let batch = loader.next()?;
+        let batch = loader.next_batch()?;
         let images = image_tensor(&batch.inputs.iter().collect::<Vec<_>>(), &self.device);
         let rows = rows_tensor(&batch.rows, &self.device);
         let codes = self.model.codes(Tensor::from_inner(images), Tensor::from_inner(rows));
