@@ -70,9 +70,7 @@ for pack in "$packages"/usr/share/sweethome3d/furniture/*.sh3f; do
     done
 done
 
-# Seen from above, as furniture mostly is; further arguments (size, views) win over these.
-config=$out/synth.json
-printf '{"placement": "upper_hemisphere"}\n' > "$config"
+# From all sides, the default: what no view sees from below would be left to chance.
 for category in "$out"/meshes/*; do
-    "$dvr" synth "$category"/*/*.obj --category "$(basename "$category")" --out "$out/data" --config "$config" "$@"
+    "$dvr" synth "$category"/*/*.obj --category "$(basename "$category")" --out "$out/data" "$@"
 done
