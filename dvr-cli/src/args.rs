@@ -39,6 +39,8 @@ pub enum Command {
     Render(RenderArgs),
     /// Measure a run or a mesh: shape against ground truth, pictures against held-out views
     Eval(EvalArgs),
+    /// Compare methods, or variants of one, on scenes: quality, time, memory and bytes with their spread over seeds
+    Bench(BenchArgs),
     /// Render meshes into a ShapeNet-style dataset with images, masks, depth, cameras and ground truth
     Synth(SynthArgs),
     /// Write the network of a run as safetensors, with PyTorch names and layout
@@ -235,6 +237,15 @@ pub enum Colors {
     Field,
 }
 
+/// How the surface is made triangles.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum ContourName {
+    /// Marching cubes: smooth, corners and creases are cut off by up to a cell
+    MarchingCubes,
+    /// Dual contouring: keeps corners and creases of the field; may intersect itself at thin or noisy parts
+    Dual,
+}
+
 /// How a mesh is extracted.
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Mesh")]
@@ -242,6 +253,9 @@ pub struct MeshingArgs {
     /// Grid cells along an edge of the object's cube [default: 256; 128 where a dataset is evaluated]
     #[arg(long, value_parser = clap::value_parser!(u32).range(8..=2048), value_name = "N")]
     pub resolution: Option<u32>,
+    /// How the surface is made triangles; the mesh is watertight either way
+    #[arg(long, value_enum, default_value_t = ContourName::MarchingCubes)]
+    pub contour: ContourName,
     /// Drop pieces smaller than this share of the largest piece's area; 0 keeps everything
     #[arg(long, default_value_t = 0.01, value_name = "SHARE")]
     pub min_piece: f64,
@@ -439,6 +453,57 @@ pub enum Baseline {
     NearestPicture,
 }
 
+/// Arguments of `dvr bench`.
+#[derive(Args, Debug)]
+pub struct BenchArgs {
+    /// Folders (or cameras files) of the scenes
+    #[arg(required = true)]
+    pub scenes: Vec<PathBuf>,
+    /// Folder for results.json, results.csv, table.md and the runs; runs that are there already are not repeated
+    #[arg(long, short, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Methods to compare, as `dvr train --method` takes them; separate with commas
+    #[arg(long, value_enum, value_delimiter = ',', default_values_t = [MethodName::Hull, MethodName::Fast], value_name = "METHOD")]
+    pub methods: Vec<MethodName>,
+    /// A variant of `fast` with a name and other settings, e.g. no-cross-view:losses.cross_view=0,losses.structure=0; may be
+    /// given several times
+    #[arg(long, value_parser = parse_variant, value_name = "NAME:KEY=VALUE")]
+    pub variant: Vec<Variant>,
+    /// What teaches the shape: rgb, depth, rgb+depth; separate with commas
+    #[arg(long, value_delimiter = ',', default_value = "rgb", value_name = "WHAT")]
+    pub supervision: Vec<Supervision>,
+    /// Seeds from 0 on
+    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u64).range(1..=100), value_name = "N")]
+    pub seeds: u64,
+    /// Stop each training after this time, e.g. 10m
+    #[arg(long, value_parser = parse_duration, value_name = "TIME")]
+    pub time: Option<Duration>,
+    /// Results from elsewhere, to stand in the same table: a results.json, or a list of {scene, method, seconds, chamfer_l1, ...}
+    #[arg(long, value_name = "FILE")]
+    pub overlay: Vec<PathBuf>,
+}
+
+impl BenchArgs {
+    /// What is compared: the methods, then the variants.
+    pub fn variants(&self) -> Vec<Variant> {
+        let name = |method: &MethodName| method.to_possible_value().map(|value| value.get_name().to_owned());
+        let methods = self.methods.iter().filter_map(name);
+        let methods = methods.map(|name| Variant { method: name.clone(), name, settings: Vec::new() });
+        methods.chain(self.variant.iter().cloned()).collect()
+    }
+}
+
+/// A method with some of its settings changed.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Variant {
+    /// What it is called in tables.
+    pub name: String,
+    /// The method.
+    pub method: String,
+    /// `KEY=VALUE`, as `--set` takes them.
+    pub settings: Vec<String>,
+}
+
 /// Arguments of `dvr synth`.
 #[derive(Args, Debug)]
 pub struct SynthArgs {
@@ -497,6 +562,18 @@ fn parse_shard(text: &str) -> Result<Shard, String> {
     shard.ok_or_else(|| format!("{text:?} is no part; write 1/16, 2/16 and so on up to 16/16"))
 }
 
+/// Reads `name:key=value,key=value`.
+fn parse_variant(text: &str) -> Result<Variant, String> {
+    let error = || format!("{text:?} is no variant; write NAME:KEY=VALUE, e.g. no-texture:losses.texture=0");
+    let (name, settings) = text.split_once(':').ok_or_else(error)?;
+    let settings: Vec<String> = settings.split(',').map(str::to_owned).collect();
+    let sound = !name.is_empty() && name.chars().all(|c| c.is_alphanumeric() || "-_".contains(c));
+    if !sound || settings.iter().any(|setting| !setting.contains('=')) {
+        return Err(error());
+    }
+    Ok(Variant { name: name.to_owned(), method: "fast".to_owned(), settings })
+}
+
 /// Reads a share from 0 to 1.
 fn parse_share(text: &str) -> Result<f32, String> {
     let share = text.parse::<f32>().ok().filter(|share| (0.0..=1.0).contains(share));
@@ -553,6 +630,9 @@ mod tests {
         assert_eq!(parse_shard("3/16"), Ok(Shard { number: 3, of: 16 }));
         assert!(["0/3", "4/3", "3", "a/b", "1/0"].into_iter().all(|shard| parse_shard(shard).is_err()));
         assert_eq!(parse_capacity("64"), Ok(CapacityArg::Cells(64)));
+        let variant = parse_variant("rough:losses.roughness=0,rays=99").unwrap();
+        assert_eq!((variant.name.as_str(), variant.settings.len()), ("rough", 2));
+        assert!(parse_variant("rough").is_err() && parse_variant("a/b:x=1").is_err() && parse_variant("a:b").is_err());
         assert!(parse_capacity("65").is_err() && parse_capacity("much").is_err());
         assert_eq!((parse_bytes("32k"), parse_bytes("1M")), (Ok(32_000), Ok(1_000_000)));
         assert!(parse_bytes("k").is_err() && parse_bytes("0").is_err());

@@ -43,6 +43,9 @@ fn it_beats_the_hull_and_says_what_it_chose() {
     succeeds(&dvr(&["mesh", text(&scene_file), "--out", text(&obj), "--resolution", "48", "--colors", "field"]));
     let simple = tiny.path("simple.obj");
     succeeds(&dvr(&["mesh", text(&scene_file), "--out", text(&simple), "--resolution", "48", "--simplify", "0.002"]));
+    let dual = tiny.path("dual.obj");
+    succeeds(&dvr(&["mesh", text(&scene_file), "--out", text(&dual), "--resolution", "48", "--contour", "dual"]));
+    assert_ne!(read_mesh(&dual).unwrap().mesh.vertices, read_mesh(&obj).unwrap().mesh.vertices);
     let faces = |path| read_mesh(path).unwrap().mesh.faces.len();
     assert!(faces(&simple) > 50 && 2 * faces(&simple) < faces(&obj), "{} of {}", faces(&simple), faces(&obj));
     let frames = tiny.path("frames");

@@ -12,16 +12,19 @@ pub struct ActiveNodes {
     runs: Vec<(u32, u32)>,
     /// Index of the first run of each layer of constant z, and the number of runs.
     layers: Vec<usize>,
-    count: usize,
+    /// Nodes of the set before each layer, and all of them.
+    before: Vec<usize>,
 }
 
 impl ActiveNodes {
     /// The nodes for which `is_active` holds.
     pub fn new(lattice: &Lattice, is_active: impl Fn(usize) -> bool) -> Self {
-        let (nodes, mut runs, mut layers, mut count) = (lattice.nodes(), Vec::<(u32, u32)>::new(), Vec::new(), 0);
+        let (nodes, mut runs, mut count) = (lattice.nodes(), Vec::<(u32, u32)>::new(), 0);
+        let (mut layers, mut before) = (Vec::new(), Vec::new());
         for row in 0..nodes * nodes {
             if row % nodes == 0 {
                 layers.push(runs.len());
+                before.push(count);
             }
             let mut open = false;
             for node in row * nodes..(row + 1) * nodes {
@@ -36,7 +39,8 @@ impl ActiveNodes {
             }
         }
         layers.push(runs.len());
-        Self { lattice: *lattice, runs, layers, count }
+        before.push(count);
+        Self { lattice: *lattice, runs, layers, before }
     }
 
     /// The nodes of either set.
@@ -87,7 +91,32 @@ impl ActiveNodes {
 
     /// How many nodes there are in the set.
     pub fn count(&self) -> usize {
-        self.count
+        self.before[self.lattice.nodes()]
+    }
+
+    /// Cuts what is stored for the nodes of the set alone, `channels` numbers each in their order, into layers of constant z.
+    ///
+    /// # Panics
+    /// When there are not so many numbers.
+    pub fn split_layers<'a>(&self, channels: usize, stored: &'a mut [f32]) -> Vec<&'a mut [f32]> {
+        assert_eq!(stored.len(), channels * self.count(), "{channels} numbers a node of the set");
+        let mut rest = stored;
+        let counts = self.before.windows(2).map(|pair| channels * (pair[1] - pair[0]));
+        counts.map(|count| rest.split_off_mut(..count).unwrap_or_default()).collect()
+    }
+
+    /// What is stored for the nodes of a set, for the nodes of another: zero where the first has none.
+    pub fn carried(&self, channels: usize, stored: &[f32], to: &Self) -> Vec<f32> {
+        let mut own = self.iter().zip(stored.chunks(channels)).peekable();
+        let mut carried = Vec::with_capacity(channels * to.count());
+        for node in to.iter() {
+            while own.next_if(|(other, _)| *other < node).is_some() {}
+            match own.next_if(|(other, _)| *other == node) {
+                Some((_, values)) => carried.extend_from_slice(values),
+                None => carried.extend(std::iter::repeat_n(0.0, channels)),
+            }
+        }
+        carried
     }
 
     /// Runs `(first node, length)` of the layer `z`, in rising order.
@@ -156,6 +185,25 @@ mod tests {
         let half: Vec<f32> = (0..lattice.len()).map(|i| lattice.position(i).x - 0.01).collect();
         let near = ActiveNodes::near_surface(&lattice, &half, 2);
         assert!(near.count() > 31 * 31 && near.iter().all(|n| lattice.coordinates(n).iter().all(|&c| c > 0 && c < 32)));
+    }
+
+    #[test]
+    fn numbers_are_carried_from_set_to_set_and_cut_into_layers() {
+        let lattice = Lattice::new(5, 0.5);
+        let (some, others) = (
+            ActiveNodes::new(&lattice, |node| node % 3 == 0 && node < 100),
+            ActiveNodes::new(&lattice, |node| node % 2 == 0),
+        );
+        let mut stored: Vec<f32> = some.iter().flat_map(|node| [node as f32, -(node as f32)]).collect();
+        let expected: Vec<f32> = others
+            .iter()
+            .map(|node| if node % 3 == 0 && node < 100 { node as f32 } else { 0.0 })
+            .flat_map(|value| [value, -value])
+            .collect();
+        assert_eq!(some.carried(2, &stored, &others), expected);
+        let layers = some.split_layers(2, &mut stored);
+        assert_eq!(layers.len(), 5);
+        assert!((0..5).all(|z| layers[z].iter().all(|value| value.abs() as usize / 25 == z)));
     }
 
     #[test]

@@ -6,47 +6,11 @@ use std::f64::consts::PI;
 
 use dvr_core::UnitCube;
 use dvr_render::extract::{
-    ExtractSettings, ExtractWarning, Extraction, NormalSource, ScalarField, count_components, extract_mesh,
+    Contour, ExtractSettings, ExtractWarning, NormalSource, ScalarField, count_components, extract_mesh,
 };
-use glam::{Mat3, Vec3};
+use glam::Vec3;
+use support::shapes::{extract, field, gyroid, noise, settings, sphere, tilted_plate, torus};
 use support::topology::{area, assert_watertight, euler_characteristic, volume};
-
-fn settings(resolution: usize, upsampling_steps: usize) -> ExtractSettings {
-    ExtractSettings { resolution, upsampling_steps, ..Default::default() }
-}
-
-fn field(logit: impl Fn(Vec3) -> f32) -> impl Fn(&[Vec3]) -> Vec<f32> {
-    move |points| points.iter().map(|&p| logit(p)).collect()
-}
-
-fn extract(logit: impl Fn(Vec3) -> f32, settings: &ExtractSettings) -> Extraction {
-    let extraction = extract_mesh(&field(logit), settings, &[]).unwrap();
-    assert_watertight(&extraction.mesh);
-    extraction
-}
-
-fn sphere(center: Vec3, radius: f32) -> impl Fn(Vec3) -> f32 + Copy {
-    move |p| radius - p.distance(center)
-}
-
-fn torus(p: Vec3) -> f32 {
-    let p = p - Vec3::new(0.013, -0.007, 0.021);
-    0.1 - glam::Vec2::new(glam::Vec2::new(p.x, p.z).length() - 0.3, p.y).length()
-}
-
-fn gyroid(p: Vec3) -> f32 {
-    let q = p * 9.0 + 0.3;
-    (q.x.sin() * q.y.cos() + q.y.sin() * q.z.cos() + q.z.sin() * q.x.cos()).abs().mul_add(-1.0, 0.5)
-}
-
-/// A plate of the given thickness, turned out of the grid's axes.
-fn tilted_plate(thickness: f32) -> impl Fn(Vec3) -> f32 + Copy {
-    let turn = Mat3::from_euler(glam::EulerRot::XYZ, 0.3, 0.2, 0.1);
-    move |p| {
-        let q = (turn * p).abs() - Vec3::new(0.35, 0.3, 0.5 * thickness);
-        -q.max_element()
-    }
-}
 
 #[test]
 fn a_sphere_and_a_torus_have_their_euler_characteristic() {
@@ -161,8 +125,8 @@ fn seeds_alone_lead_to_a_part_that_no_coarse_node_sees() {
 #[test]
 fn a_surface_cut_by_the_cube_is_closed_at_its_border() {
     let ball = sphere(Vec3::new(0.5, 0.0, 0.0), 0.3);
-    for steps in [0, 2] {
-        let extraction = extract(ball, &settings(64, steps));
+    for (steps, contour) in [(0, Contour::MarchingCubes), (2, Contour::MarchingCubes), (2, Contour::Dual)] {
+        let extraction = extract(ball, &ExtractSettings { contour, ..settings(64, steps) });
         assert!(matches!(extraction.warnings[..], [ExtractWarning::CutByCube { vertices }] if vertices > 100));
         let (low, high) = extraction.mesh.bounds().unwrap();
         assert!((high.x - 0.55).abs() < 1e-4 && (low.x - 0.2).abs() < 1e-2);
@@ -173,21 +137,13 @@ fn a_surface_cut_by_the_cube_is_closed_at_its_border() {
 
 #[test]
 fn any_signs_whatever_give_a_closed_manifold() {
-    // A hash of the node's index; every fourth node is exactly at the level.
-    let noise = |seed: u32, cells: f32| {
-        move |p: Vec3| {
-            let node = ((p / 1.1 + 0.5) * cells).round().as_uvec3();
-            let mut hash = (node.x * 73_856_093) ^ (node.y * 19_349_663) ^ (node.z * 83_492_791) ^ (seed * 40_503);
-            for _ in 0..3 {
-                hash = (hash ^ hash >> 15).wrapping_mul(0x2c1b_3c6d);
-            }
-            if hash.is_multiple_of(4) { 0.0 } else { (hash >> 8) as f32 / (1 << 23) as f32 - 1.2 }
+    for contour in [Contour::MarchingCubes, Contour::Dual] {
+        for (seed, share) in [(0, 0.4), (1, 0.4), (2, 0.0), (3, 0.0), (4, 0.1), (5, 0.7), (6, 0.9), (7, 0.25)] {
+            let normals = if seed % 2 == 0 { NormalSource::Faces } else { NormalSource::Field };
+            let settings = ExtractSettings { contour, refinement_steps: 0, normals, ..settings(14, 0) };
+            let mesh = extract(noise(seed, 14.0, share), &settings).mesh;
+            assert!(mesh.faces.len() > 2000 && volume(&mesh) > 0.0);
         }
-    };
-    for seed in 0..8 {
-        let settings = ExtractSettings { refinement_steps: 0, normals: NormalSource::Faces, ..settings(14, 0) };
-        let mesh = extract(noise(seed, 14.0), &settings).mesh;
-        assert!(mesh.faces.len() > 5000 && volume(&mesh) > 0.0);
     }
 }
 

@@ -13,14 +13,19 @@ use burn::tensor::{Device, Distribution, Tensor};
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use dvr_core::dataset::{ReadOptions, read_scene};
 use dvr_core::{Camera, Ray, Scene, UnitCube};
-use dvr_model::{Decoder, DecoderConfig};
+use dvr_model::{Decoder, DecoderConfig, LatticeDecoderConfig};
 use dvr_render::extract::{ExtractSettings, FieldSurface, extract_mesh};
 use dvr_render::{
-    Field, FieldShader, MarchSettings, Marcher, Query, Rays, RenderSettings, Shader, SkipGrid, SlopeRule, Surface,
-    TensorMarcher, implicit_depth,
+    Field, FieldShader, FieldValues, MarchSettings, Marcher, Query, Rays, RenderSettings, Shader, SkipGrid, SlopeRule,
+    Surface, TensorMarcher, implicit_depth,
 };
 use dvr_train::{Capacity, FastConfig, FastTrainer, Learner, Supervision, TrainConfig, Trainer, ViewSplit};
 use glam::DVec3;
+
+#[path = "../../tests/src/plain_lattice.rs"]
+mod plain_lattice;
+
+use plain_lattice::PlainCells;
 
 const RAYS: usize = 1024;
 
@@ -200,6 +205,47 @@ fn lattices(c: &mut Criterion) {
     group.finish();
 }
 
+/// The lattice decoder's operations beside the same in plain tensors.
+fn lattice_decoder(c: &mut Criterion) {
+    const POINTS: usize = 16_384;
+    let device = Device::flex().autodiff();
+    let mut group = c.benchmark_group("lattice decoder, 16384 points");
+    group.sample_size(10).throughput(Throughput::Elements(POINTS as u64));
+    for cells in [64, 128] {
+        let decoder = LatticeDecoderConfig::new().with_cells(cells).with_color_cells(cells / 2).init(&device);
+        let points = Tensor::<2>::random([POINTS, 3], Distribution::Uniform(-0.5, 0.5), &device).require_grad();
+        let directions = Tensor::<2>::random([POINTS, 3], Distribution::Uniform(-1.0, 1.0), &device);
+        let query = Query::new(points.clone());
+        let sum = |values: FieldValues| values.occupancy_logit.sum() + values.color.sum();
+        let jet = || {
+            let jet = decoder.jet(&query, directions.clone());
+            sum(jet.value) + sum(jet.derivative)
+        };
+        let plain = |with_derivative: bool| {
+            let parts =
+                [(decoder.shape_lattice(), decoder.shape.val()), (decoder.color_lattice(), decoder.color.val())];
+            let sums = parts.map(|(lattice, values)| {
+                let located = PlainCells::new(lattice, points.clone());
+                let value = located.value(&values).sum();
+                let derivative = || located.derivative(&values, directions.clone()).sum();
+                if with_derivative { value + derivative() } else { value }
+            });
+            sums.into_iter().reduce(|a, b| a + b).expect("two parts")
+        };
+        let mut bench = |what: &str, run: &dyn Fn() -> Tensor<1>| {
+            group.bench_function(format!("{cells} cells, {what}"), |b| b.iter(|| black_box(run())));
+            group.bench_function(format!("{cells} cells, {what} and backward"), |b| {
+                b.iter(|| black_box(run().backward()));
+            });
+        };
+        bench("values", &|| sum(decoder.evaluate(&query)));
+        bench("values in plain tensors", &|| plain(false));
+        bench("jets", &jet);
+        bench("jets in plain tensors", &|| plain(true));
+    }
+    group.finish();
+}
+
 fn reading(c: &mut Criterion) {
     let folder = demo_folder();
     c.bench_function("reading the demo scene", |b| {
@@ -207,5 +253,15 @@ fn reading(c: &mut Criterion) {
     });
 }
 
-criterion_group!(benches, marching, root_search, depth_operation, training_step, extraction, lattices, reading);
+criterion_group!(
+    benches,
+    marching,
+    root_search,
+    depth_operation,
+    training_step,
+    extraction,
+    lattices,
+    lattice_decoder,
+    reading
+);
 criterion_main!(benches);

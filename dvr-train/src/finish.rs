@@ -14,6 +14,7 @@ use crate::evaluate::{ShapeEvaluation, evaluate_shape};
 use crate::export::{MeshOptions, object_mesh, world_mesh};
 use crate::model::Model;
 use crate::preview::preview_sheet;
+use crate::resources::Resources;
 use crate::run::{Observer, RunFolder};
 use crate::trainer::ViewSplit;
 use crate::validate::{Agreement, agreement};
@@ -43,6 +44,8 @@ pub struct RunMetrics {
     pub held_out: Option<Agreement>,
     /// Renders of the coloured mesh, unlit, against the same pixels: what the user takes home.
     pub held_out_mesh: Option<Agreement>,
+    /// What the process has cost until here, reading and mesh included.
+    pub resources: Resources,
     /// What the user should know.
     pub warnings: Vec<String>,
 }
@@ -126,6 +129,7 @@ pub fn finish(
         shape,
         held_out,
         held_out_mesh,
+        resources: Resources::now(),
         warnings,
     };
     let json = serde_json::to_string_pretty(&metrics).map_err(|e| Error::Config(e.to_string()))?;

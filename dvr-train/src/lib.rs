@@ -54,6 +54,7 @@ mod model;
 mod objective;
 mod objects;
 pub mod preview;
+mod resources;
 mod run;
 mod sparse;
 mod trainer;
@@ -78,6 +79,7 @@ pub use objects::{
     ObjectsMetrics, ObjectsTrainer, Results, Shape, Shard, Subject, Summary, TrainedObjects, finish_objects,
     judged_input, merge_results, read_results, to_markdown, train_objects, write_summaries,
 };
+pub use resources::Resources;
 pub use run::{Observer, RunFolder, RunOptions, Stop, Trained, train};
 pub use sparse::SparseTargets;
 pub use trainer::{StepReport, Trainer, ViewSplit};

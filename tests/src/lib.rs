@@ -3,6 +3,9 @@
 //! `../shared` holds arrays that the PyTorch original computed, and scenes. It is not part of the project: where it is
 //! missing, tests say that they were skipped, and pass.
 
+pub mod lattice_suite;
+pub mod plain_lattice;
+
 use std::path::PathBuf;
 
 use burn::module::{Module, ModuleMapper, Param};

@@ -1,5 +1,6 @@
 //! The commands: each reads its arguments, calls the library and prints.
 
+pub mod bench;
 pub mod eval;
 mod eval_objects;
 pub mod export;
@@ -15,10 +16,10 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 use dvr_core::Scene;
 use dvr_core::dataset::{Normalise, ReadOptions, read_scene};
-use dvr_render::extract::ExtractSettings;
+use dvr_render::extract::{Contour, ExtractSettings};
 use dvr_train::{Checkpoint, ColorSource, MeshOptions, RunFolder};
 
-use crate::args::{Colors, MeshingArgs};
+use crate::args::{Colors, ContourName, MeshingArgs};
 
 /// Cells along an edge of a scene's mesh.
 pub const SCENE_RESOLUTION: u32 = 256;
@@ -46,6 +47,10 @@ pub fn mesh_options(args: &MeshingArgs, resolution: u32) -> MeshOptions {
     let extraction = ExtractSettings {
         resolution: resolution as usize,
         upsampling_steps,
+        contour: match args.contour {
+            ContourName::MarchingCubes => Contour::MarchingCubes,
+            ContourName::Dual => Contour::Dual,
+        },
         min_component_share: args.min_piece,
         ..ExtractSettings::default()
     };

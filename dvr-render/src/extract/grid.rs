@@ -1,6 +1,6 @@
 //! Node values of a regular grid, stored only in blocks of 8^3 nodes that the surface passes through.
 
-use glam::{UVec3, Vec3};
+use glam::{DVec3, UVec3, Vec3};
 
 use super::marching_cubes::corner_offset;
 
@@ -40,11 +40,21 @@ impl Lattice {
         node.min_element() == 0 || node.max_element() == self.cells + 2
     }
 
+    /// Whether a cell belongs to the virtual layer, outside the cube.
+    pub fn is_virtual_cell(&self, cell: UVec3) -> bool {
+        cell.min_element() == 0 || cell.max_element() == self.cells + 1
+    }
+
+    /// A point given in units of cells from the lowest corner of the virtual layer.
+    pub fn at(&self, grid: DVec3) -> Vec3 {
+        ((2.0 * (grid - 1.0) / f64::from(self.cells) - 1.0) * self.half_extent).as_vec3()
+    }
+
     /// The point at `steps` nodes from node `node` along `axis`.
     pub fn point(&self, node: UVec3, axis: usize, steps: f64) -> Vec3 {
         let mut grid = node.as_dvec3();
         grid[axis] += steps;
-        ((2.0 * (grid - 1.0) / f64::from(self.cells) - 1.0) * self.half_extent).as_vec3()
+        self.at(grid)
     }
 
     /// The cell that holds a point of the cube.

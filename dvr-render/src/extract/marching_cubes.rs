@@ -10,6 +10,10 @@
 //! The rule on an ambiguous face (two inside corners, diagonally opposite): the inside corners are *joined*, so that a
 //! thin rod that runs askew through the grid stays in one piece.
 //!
+//! Dual contouring makes a vertex of each loop and a side between two vertices of each join of their cells' common face.
+//! If both joins of an ambiguous face belong to one loop on either side, that side would exist twice and hold four
+//! quadrilaterals. Such faces are *parted* instead: the inside corners are cut off, which splits the loop in both cells.
+//!
 //! Corner `c` of a cell is its lowest node plus `(c & 1, c >> 1 & 1, c >> 2 & 1)`. Edge `4 a + u + 2 v` runs along axis
 //! `a` from the corner with offset `u` along axis `a + 1` and `v` along axis `a + 2` (modulo 3).
 
@@ -25,8 +29,12 @@ pub(super) const FACE_CORNERS: [u8; 6] = [0x55, 0xaa, 0x33, 0xcc, 0x0f, 0xf0];
 pub(super) struct Case {
     /// Bit `e` is set where edge `e` is crossed.
     pub crossed_edges: u16,
+    /// The closed loops of crossed edges, counter-clockwise seen from outside: the borders of connected patches.
+    pub loops: Vec<Vec<u8>>,
     /// Triangles between the crossings of three edges, counter-clockwise seen from outside; five at most.
     pub triangles: Vec<[u8; 3]>,
+    /// The face whose two joins both belong to one loop, and the loops with that face parted. No case has two such faces.
+    pub parting: Option<(u8, Vec<Vec<u8>>)>,
 }
 
 /// The case of a cell: bit `c` of the index is set where corner `c` is inside.
@@ -79,6 +87,21 @@ fn face_edges(face: u8) -> [u8; 4] {
 }
 
 fn build_case(inside_corners: u8) -> Case {
+    let loops = trace_loops(inside_corners, None);
+    let twice_in_one_loop = |&face: &u8| {
+        let edges = face_edges(face);
+        loops.iter().any(|polygon| edges.iter().all(|edge| polygon.contains(edge)))
+    };
+    Case {
+        crossed_edges: loops.iter().flatten().fold(0, |mask, edge| mask | 1 << edge),
+        triangles: loops.iter().flat_map(|polygon| triangulate(polygon)).flatten().collect(),
+        parting: (0..6).find(twice_in_one_loop).map(|face| (face, trace_loops(inside_corners, Some(face)))),
+        loops,
+    }
+}
+
+/// The loops of a case, each from its lowest edge on, if `parted` (an ambiguous face) cuts off its inside corners.
+fn trace_loops(inside_corners: u8, parted: Option<u8>) -> Vec<Vec<u8>> {
     let inside = |corner: u8| inside_corners >> corner & 1 == 1;
     // Walking round a face counter-clockwise, a join starts where the walk enters the object and ends at the crossing
     // before it: it cuts off the outside corners in between, and leaves the object to its right, as the boundary of a
@@ -87,22 +110,24 @@ fn build_case(inside_corners: u8) -> Case {
     for face in 0..6 {
         let (corners, edges) = (face_corners(face), face_edges(face));
         let crossed = |k: usize| inside(corners[k]) != inside(corners[(k + 1) % 4]);
+        let step = if parted == Some(face) { 1 } else { 3 };
         for k in (0..4).filter(|&k| crossed(k) && !inside(corners[k])) {
-            next[edges[k] as usize] = (1..4).map(|back| (k + 4 - back) % 4).find(|&k| crossed(k)).map(|k| edges[k]);
+            next[edges[k] as usize] = (1..4).map(|i| (k + step * i) % 4).find(|&k| crossed(k)).map(|k| edges[k]);
         }
     }
-    let mut case = Case::default();
+    let mut loops = Vec::new();
     for first in 0..12u8 {
         let mut polygon = Vec::new();
         let mut edge = first;
         while let Some(following) = next[edge as usize].take() {
-            case.crossed_edges |= 1 << edge;
             polygon.push(edge);
             edge = following;
         }
-        case.triangles.extend(triangulate(&polygon).into_iter().flatten());
+        if !polygon.is_empty() {
+            loops.push(polygon);
+        }
     }
-    case
+    loops
 }
 
 /// The triangulation of a loop with the shortest diagonals among those with no diagonal in a face, if there is one.
@@ -241,6 +266,70 @@ mod tests {
                     ours.sort_unstable();
                     theirs.sort_unstable();
                     assert_eq!(ours, theirs, "axis {axis}, cases {left} and {right}");
+                }
+            }
+        }
+    }
+
+    /// For each ambiguous face, the loops of its two joins.
+    fn joins_of_ambiguous_faces(inside: u8, loops: &[Vec<u8>]) -> Vec<(u8, [usize; 2])> {
+        let owner = |edge: u8| loops.iter().position(|polygon| polygon.contains(&edge)).unwrap();
+        (0..6)
+            .filter(|&face| face_edges(face).iter().all(|&edge| case(inside).crossed_edges >> edge & 1 == 1))
+            .map(|face| {
+                // Opposite edges of an ambiguous face belong to different joins, however it is joined.
+                let edges = face_edges(face);
+                (face, [owner(edges[0]), owner(edges[2])])
+            })
+            .collect()
+    }
+
+    #[test]
+    fn parting_a_face_puts_its_joins_into_different_loops_and_no_other_face_s_into_one() {
+        let mut partings = 0;
+        for inside in 0..=255u8 {
+            let case = case(inside);
+            let twice: Vec<u8> = joins_of_ambiguous_faces(inside, &case.loops)
+                .into_iter()
+                .filter_map(|(face, [a, b])| (a == b).then_some(face))
+                .collect();
+            assert!(twice.len() <= 1, "case {inside}: two such faces");
+            assert_eq!(case.parting.as_ref().map(|(face, _)| *face), twice.first().copied());
+            if let Some((_, loops)) = &case.parting {
+                assert!(joins_of_ambiguous_faces(inside, loops).iter().all(|(_, [a, b])| a != b), "case {inside}");
+                assert_eq!(loops.iter().map(Vec::len).sum::<usize>(), case.crossed_edges.count_ones() as usize);
+                partings += 1;
+            }
+        }
+        assert_eq!(partings, 36);
+    }
+
+    #[test]
+    fn mass_points_of_a_cell_s_loops_lie_apart_wherever_on_their_edges_the_crossings_are() {
+        let directions = || (0..27).map(|i| [i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1]);
+        // The least and the greatest that the mean of a loop's crossings can be along a direction, both out of reach.
+        let range = |polygon: &[u8], direction: [i32; 3]| {
+            let ends = polygon.iter().map(|&edge| {
+                let start = corner_offset(edge_start(edge)).as_ivec3().to_array();
+                let at = start.iter().zip(direction).map(|(x, d)| x * d).sum::<i32>();
+                let step = direction[edge_axis(edge)];
+                (at + step.min(0), at + step.max(0))
+            });
+            let (low, high) = ends.fold((0, 0), |sum, end| (sum.0 + end.0, sum.1 + end.1));
+            let count = polygon.len() as f32;
+            (low as f32 / count, high as f32 / count)
+        };
+        for inside in 0..=255u8 {
+            let case = case(inside);
+            for loops in [Some(&case.loops), case.parting.as_ref().map(|(_, loops)| loops)].into_iter().flatten() {
+                for (i, a) in loops.iter().enumerate() {
+                    for b in &loops[..i] {
+                        let apart = directions().any(|direction| {
+                            let (a, b) = (range(a, direction), range(b, direction));
+                            a.1 <= b.0 && (a.0, b.0) != (a.1, b.1)
+                        });
+                        assert!(apart, "case {inside}: {a:?} and {b:?}");
+                    }
                 }
             }
         }

@@ -1,9 +1,10 @@
 //! From an implicit function to a watertight, coloured mesh.
 //!
 //! [`extract_mesh`] finds the level set of a [`ScalarField`] in the padded unit cube by multi-resolution isosurface
-//! extraction and marching cubes. The mesh is a closed, consistently oriented manifold whatever the field; a surface
-//! that leaves the cube is closed there. It may hold self-intersections where the field is finer than the grid, and
-//! parts that no node of the coarse grid hits, and no seed leads to, are missed.
+//! extraction and marching cubes or, to keep sharp edges, dual contouring ([`Contour`]). The mesh is a closed, consistently
+//! oriented manifold whatever the field; a surface that leaves the cube is closed there. It may hold self-intersections
+//! where the field is finer than the grid (dual contouring: see [`Contour::Dual`]), and parts that no node of the coarse
+//! grid hits, and no seed leads to, are missed.
 //!
 //! ```
 //! use dvr_render::extract::{ExtractSettings, extract_mesh};
@@ -18,6 +19,8 @@
 //! ```
 
 mod components;
+mod contour;
+mod dual;
 mod error;
 mod field;
 mod field_surface;
@@ -25,6 +28,7 @@ mod grid;
 mod marching_cubes;
 mod mise;
 mod normals;
+mod qef;
 mod refine;
 mod settings;
 mod surface;
@@ -36,8 +40,9 @@ pub use components::{count_components, drop_small_components};
 pub use error::{ExtractError, Result};
 pub use field::ScalarField;
 pub use field_surface::FieldSurface;
-pub use settings::{ExtractSettings, NormalSource};
+pub use settings::{Contour, ExtractSettings, NormalSource};
 
+use contour::Contoured;
 use field::{Sampler, check};
 use grid::Lattice;
 
@@ -63,9 +68,9 @@ pub struct Extraction {
 pub struct Evaluations {
     /// At the nodes of the grids.
     pub grid: usize,
-    /// On edges, to refine the vertices.
+    /// On edges, to refine the crossings.
     pub refinement: usize,
-    /// For the normals: one a vertex if the field has gradients, else six.
+    /// For the normals: one a vertex (of dual contouring: a crossing) if the field has gradients, else six.
     pub normals: usize,
 }
 
@@ -121,34 +126,14 @@ pub fn extract_mesh<F: ScalarField + ?Sized>(
     warnings.extend(located.first_seen_at.map(|resolution| ExtractWarning::TooCoarse { resolution }));
     evaluations.grid = std::mem::take(&mut sampler.evaluations);
 
-    let lattice = located.grid.lattice;
-    let (mut crossings, mut faces) = surface::triangulate(&located.grid);
-    drop(located);
-    let positions =
-        |crossings: &[surface::Crossing]| crossings.iter().map(|c| c.position(&lattice)).collect::<Vec<_>>();
-    let (components, dropped_components) =
-        components::retain_large(&positions(&crossings), &mut faces, settings.min_component_share);
-    let kept = components::compact(&mut faces, crossings.len());
-    crossings = components::select(&crossings, &kept);
-    let cut = crossings.iter().filter(|crossing| crossing.is_on_border(&lattice)).count();
+    let resolution = located.grid.lattice.cells as usize;
+    let contoured = contour::contour(&mut sampler, located.grid, settings, &mut evaluations)?;
+    let Contoured { vertices, faces, normals, components, dropped_components, cut } = contoured;
     if cut > 0 {
         warnings.push(ExtractWarning::CutByCube { vertices: cut });
     }
-
-    refine::refine_crossings(&mut sampler, &lattice, &mut crossings, settings.refinement_steps)?;
-    evaluations.refinement = std::mem::take(&mut sampler.evaluations);
-
-    let vertices = positions(&crossings);
-    let mut normals = normals::face_normals(&vertices, &faces);
-    if settings.normals == NormalSource::Field {
-        let step = 0.25 * lattice.cell_size() as f32;
-        normals = normals::field_normals(&mut sampler, &vertices, step, &normals)?;
-        evaluations.normals = std::mem::take(&mut sampler.evaluations);
-    }
     let colors = vertex_colors(field, &vertices, &normals, settings.max_points)?;
-
     let mesh = Mesh { vertices, faces, normals: Some(normals), colors };
-    let resolution = lattice.cells as usize;
     Ok(Extraction { mesh, resolution, evaluations, components, dropped_components, warnings })
 }
 

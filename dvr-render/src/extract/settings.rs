@@ -7,11 +7,28 @@ use super::error::{ExtractError, Result};
 /// The most cells an edge. Beyond it, a single-precision vertex cannot be told from the grid's node beside it.
 const MAX_RESOLUTION: usize = 2048;
 
+/// How the crossed edges of the grid become triangles. Both give closed, oriented manifolds.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Contour {
+    /// Marching cubes: vertices on the grid's edges. Corners and creases of the surface are cut off by up to a cell;
+    /// triangles of different cells never meet but at their borders.
+    #[default]
+    MarchingCubes,
+    /// Dual contouring (Ju et al. 2002): vertices in the grid's cells, where the tangent planes of the crossings around
+    /// them meet. Corners and creases are kept; the field's gradient is asked for at each crossing.
+    ///
+    /// The mesh may intersect itself, which marching cubes' does not: where the surface is finer than the grid, and now and
+    /// then at creases of a noisy field (none to three of 80 000 edges on trained scenes). It is a closed manifold all the same.
+    Dual,
+}
+
 /// Where vertex normals come from.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum NormalSource {
-    /// The gradient of the field at the vertex. Costs one evaluation with gradient, or six without.
+    /// The gradient of the field at the vertex; of dual contouring, the mean of those at the crossings around it. Costs
+    /// one evaluation with gradient, or six without.
     #[default]
     Field,
     /// The mean of the adjacent faces' normals. Costs nothing.
@@ -31,7 +48,9 @@ pub struct ExtractSettings {
     pub cube: UnitCube,
     /// The logit at the surface; 0 is an occupancy of one half.
     pub level: f32,
-    /// The most evaluations a vertex to move it from the linearly interpolated crossing to the true one; 0 for none.
+    /// How crossed edges become triangles.
+    pub contour: Contour,
+    /// The most evaluations a crossing to move it from where linear interpolation puts it to the true one; 0 for none.
     pub refinement_steps: usize,
     /// Where vertex normals come from.
     pub normals: NormalSource,
@@ -49,6 +68,7 @@ impl Default for ExtractSettings {
             upsampling_steps: 3,
             cube: UnitCube::default(),
             level: 0.0,
+            contour: Contour::default(),
             refinement_steps: 2,
             normals: NormalSource::default(),
             min_component_share: 0.0,

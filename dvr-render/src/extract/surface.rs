@@ -1,6 +1,6 @@
 //! From the signs on a grid to vertices on its edges and triangles between them.
 
-use glam::{UVec3, Vec3};
+use glam::{DVec3, UVec3, Vec3};
 
 use super::grid::{Bits, Lattice, Slot, SparseGrid};
 use super::marching_cubes::{case, edge_axis, edge_start};
@@ -11,7 +11,7 @@ use super::marching_cubes::{case, edge_axis, edge_start};
 /// a program that merges vertices by position (most do, on loading) would find edges with four faces.
 const MARGIN: f64 = 1e-3;
 
-/// Where the surface crosses an edge of the grid: one vertex of the mesh.
+/// Where the surface crosses an edge of the grid: one vertex of marching cubes' mesh, one quadrilateral of the dual.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Crossing {
     /// The edge's lower node.
@@ -30,9 +30,24 @@ impl Crossing {
         Self { node, axis, values, t: keep_off_nodes(low / (low - high)) }
     }
 
-    /// The vertex.
+    /// Where it lies.
     pub fn position(&self, lattice: &Lattice) -> Vec3 {
         lattice.point(self.node, self.axis, self.t)
+    }
+
+    /// The same in units of cells from the lowest corner of the virtual layer.
+    pub fn grid_position(&self) -> DVec3 {
+        self.node.as_dvec3() + self.t * DVec3::AXES[self.axis]
+    }
+
+    /// Whether the edge's upper node is the one inside.
+    pub fn rises(&self) -> bool {
+        self.values[1] >= 0.0
+    }
+
+    /// The direction along the edge that leads out of the object.
+    pub fn outward(&self) -> Vec3 {
+        if self.rises() { -Vec3::AXES[self.axis] } else { Vec3::AXES[self.axis] }
     }
 
     /// Whether the surface was cut here by the border of the cube.
@@ -63,12 +78,13 @@ pub(super) fn triangulate(grid: &SparseGrid) -> (Vec<Crossing>, Vec<[u32; 3]>) {
 }
 
 /// The crossed edges of a grid, numbered: per block and axis a set of lower nodes and running counts.
-struct CrossedEdges {
+pub(super) struct CrossedEdges {
     blocks: Vec<[(Bits, [u32; 8]); 3]>,
 }
 
 impl CrossedEdges {
-    fn of(grid: &SparseGrid) -> Self {
+    /// The crossed edges of the active cells, not yet numbered.
+    pub fn of(grid: &SparseGrid) -> Self {
         let mut blocks = vec![[(Bits::default(), [0; 8]); 3]; grid.block_count()];
         for cell in grid.active_cells() {
             let slots = grid.corner_slots(cell);
@@ -82,7 +98,7 @@ impl CrossedEdges {
     }
 
     /// Gives the edges their numbers, and returns the crossings in that order.
-    fn number(&mut self, grid: &SparseGrid) -> Vec<Crossing> {
+    pub fn number(&mut self, grid: &SparseGrid) -> Vec<Crossing> {
         let mut crossings = Vec::new();
         for block in grid.blocks_in_order() {
             for (axis, (starts, counts)) in self.blocks[block].iter_mut().enumerate() {
@@ -102,7 +118,7 @@ impl CrossedEdges {
     }
 
     /// The number of a crossed edge.
-    fn vertex(&self, start: Slot, axis: usize) -> u32 {
+    pub fn vertex(&self, start: Slot, axis: usize) -> u32 {
         let (starts, counts) = &self.blocks[start.block()][axis];
         let (word, bit) = (start.local() / 64, start.local() % 64);
         counts[word] + (starts.0[word] & ((1 << bit) - 1)).count_ones()

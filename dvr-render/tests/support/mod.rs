@@ -3,6 +3,7 @@
 #![allow(dead_code)] // each test binary uses its own part
 
 pub mod decoder;
+pub mod shapes;
 pub mod topology;
 
 use std::path::PathBuf;

@@ -171,7 +171,7 @@ impl FastConfig {
         Self {
             supervision,
             seed: 0,
-            capacity: Capacity::Auto { min_cells: 64, max_cells: 128, min_gain_db: 0.1 },
+            capacity: Capacity::Auto { min_cells: 64, max_cells: 256, min_gain_db: 0.1 },
             first_cells: 32,
             whole_cells: 128,
             max_bytes: 0,

@@ -11,10 +11,12 @@ const BETAS: (f32, f32) = (0.9, 0.99);
 #[derive(Clone, Debug)]
 struct Level {
     active: ActiveNodes,
+    /// Of the active nodes alone, as the moments are.
     parameters: Vec<f32>,
-    gradient: Vec<f32>,
     moments: Moments,
-    /// Sum of this level and the coarser ones.
+    /// Of all nodes of the lattice.
+    gradient: Vec<f32>,
+    /// Sum of this level and the coarser ones, at all nodes; empty at the finest, where it is baked.
     sum: Vec<f32>,
 }
 
@@ -101,7 +103,7 @@ impl<const C: usize> Levels<C> {
             if levels.len() + 1 < self.levels.len() {
                 coarser = active.coarser();
             }
-            levels.push(Level { active, ..level.clone() });
+            levels.push(level.carried(C, active));
         }
         levels.reverse();
         levels.push(Level::new(active, C));
@@ -149,7 +151,7 @@ impl<const C: usize> Levels<C> {
         let mut state = vec![self.steps as f32];
         for level in &self.levels {
             for values in [&level.parameters, &level.moments.first, &level.moments.second] {
-                state.extend(level.active.iter().flat_map(|node| &values[C * node..C * (node + 1)]));
+                state.extend_from_slice(values);
             }
         }
         state
@@ -163,13 +165,11 @@ impl<const C: usize> Levels<C> {
         self.steps = state[0] as i32;
         let mut rest = &state[1..];
         for level in &mut self.levels {
-            let Level { active, parameters, moments, .. } = level;
+            let Level { parameters, moments, .. } = level;
             for values in [parameters, &mut moments.first, &mut moments.second] {
-                for node in active.iter() {
-                    let (own, others) = rest.split_at(C);
-                    values[C * node..C * (node + 1)].copy_from_slice(own);
-                    rest = others;
-                }
+                let (own, others) = rest.split_at(values.len());
+                values.copy_from_slice(own);
+                rest = others;
             }
         }
         self.bake();
@@ -186,7 +186,8 @@ impl<const C: usize> Levels<C> {
         for i in 0..=last {
             let (coarse, fine) = self.levels.split_at_mut(i);
             let Level { active, parameters, sum, .. } = &mut fine[0];
-            let (target, base) = if i == last { (&mut self.baked, Some(&self.base)) } else { (sum, None) };
+            let (target, base) = if i == last { (&mut self.baked, Some(&self.base)) } else { (&mut *sum, None) };
+            target.resize(C * active.lattice().len(), 0.0);
             sum_active::<C>(target, parameters, base, active);
             if let Some(coarse) = coarse.last() {
                 pyramid::prolong_add::<C>(&coarse.sum, target, active);
@@ -197,10 +198,22 @@ impl<const C: usize> Levels<C> {
 
 impl Level {
     fn new(active: ActiveNodes, channels: usize) -> Self {
-        // Each allocated as zeros rather than copied: the system hands out memory only where something is written.
-        let total = channels * active.lattice().len();
-        let zeros = || vec![0.0; total];
-        Self { active, parameters: zeros(), gradient: zeros(), moments: Moments::new(total), sum: zeros() }
+        let (stored, total) = (channels * active.count(), channels * active.lattice().len());
+        Self {
+            active,
+            parameters: vec![0.0; stored],
+            moments: Moments::new(stored),
+            gradient: vec![0.0; total],
+            sum: Vec::new(),
+        }
+    }
+
+    /// The same with other active nodes: parameters of new ones are zero.
+    fn carried(&self, channels: usize, active: ActiveNodes) -> Self {
+        let carried = |values: &[f32]| self.active.carried(channels, values, &active);
+        let parameters = carried(&self.parameters);
+        let moments = Moments { first: carried(&self.moments.first), second: carried(&self.moments.second) };
+        Self { parameters, moments, ..Self::new(active, channels) }
     }
 }
 
@@ -217,16 +230,25 @@ pub(super) fn prolonged<const C: usize>(values: &[f32], fine: &Lattice) -> Vec<f
 }
 
 /// `target = parameters (+ base)` at the active nodes.
-fn sum_active<const C: usize>(target: &mut [f32], parameters: &[f32], base: Option<&Vec<f32>>, active: &ActiveNodes) {
+fn sum_active<const C: usize>(
+    target: &mut [f32],
+    parameters: &mut [f32],
+    base: Option<&Vec<f32>>,
+    active: &ActiveNodes,
+) {
     let layer = C * active.lattice().nodes().pow(2);
-    target.par_chunks_mut(layer).enumerate().for_each(|(z, target)| {
+    let parameters = active.split_layers(C, parameters);
+    target.par_chunks_mut(layer).zip(parameters).enumerate().for_each(|(z, (target, parameters))| {
+        let mut rest: &[f32] = parameters;
         for &(start, length) in active.layer(z) {
             let range = C * start as usize..C * (start + length) as usize;
+            let (own, others) = rest.split_at(range.len());
             let out = &mut target[range.start - z * layer..range.end - z * layer];
-            out.copy_from_slice(&parameters[range.clone()]);
-            if let Some(base) = base {
-                out.iter_mut().zip(&base[range]).for_each(|(out, base)| *out += base);
+            match base {
+                Some(base) => out.iter_mut().zip(own).zip(&base[range]).for_each(|((o, p), b)| *o = p + b),
+                None => out.copy_from_slice(own),
             }
+            rest = others;
         }
     });
 }

@@ -1,0 +1,130 @@
+//! `dvr bench`: methods side by side on the same scenes, on the same machine, with their spread over seeds.
+//!
+//! Each run is a process of its own, the very command that a user would give: nothing is warm, and its time is its time.
+
+mod machine;
+mod results;
+mod table;
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, ExitCode, Stdio};
+use std::time::Instant;
+
+use anyhow::{Context, Result, bail};
+use dvr_core::files::write_bytes_atomically;
+use dvr_train::{Observer, RunFolder, RunMetrics};
+
+use crate::args::{BenchArgs, Variant};
+use crate::progress::Progress;
+use results::{Outcome, Results};
+
+/// Runs what is missing, then writes `results.json`, `results.csv` and `table.md`.
+pub fn run(args: &BenchArgs) -> Result<ExitCode> {
+    let scenes = named(&args.scenes)?;
+    std::fs::create_dir_all(&args.out).with_context(|| args.out.display().to_string())?;
+    let plan = plan(args, &scenes);
+    let mut results = Results::new(machine::describe());
+    let mut progress = Progress::new();
+    progress.phase("runs", plan.len());
+    for (i, run) in plan.iter().enumerate() {
+        results.outcomes.push(run.outcome(args)?);
+        progress.progress(i + 1, &run.folder);
+    }
+    for path in &args.overlay {
+        results.outcomes.extend(results::read(path)?);
+    }
+    results.write(&args.out.join("results.json"))?;
+    write_bytes_atomically(&args.out.join("results.csv"), table::csv(&results.outcomes)?.as_bytes())?;
+    let table = table::markdown(&results);
+    write_bytes_atomically(&args.out.join("table.md"), table.as_bytes())?;
+    println!("{table}");
+    for name in ["results.json", "results.csv", "table.md"] {
+        eprintln!("wrote {}", args.out.join(name).display());
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// One run of the plan.
+struct Run<'a> {
+    scene: &'a Path,
+    name: &'a str,
+    variant: Variant,
+    supervision: String,
+    seed: u64,
+    /// Its folder's name.
+    folder: String,
+}
+
+/// Scenes with their names: their folder's, and the one above it where several have the same.
+fn named(paths: &[PathBuf]) -> Result<Vec<(PathBuf, String)>> {
+    let mut parts: Vec<Vec<String>> = Vec::new();
+    for path in paths {
+        let whole = std::fs::canonicalize(path).with_context(|| path.display().to_string())?;
+        let mut names: Vec<String> =
+            whole.iter().rev().take(3).map(|part| part.to_string_lossy().into_owned()).collect();
+        // `bunny/bunny` says no more than `bunny`.
+        names.dedup();
+        parts.push(names);
+    }
+    let name = |own: &Vec<String>| {
+        let is_alone = parts.iter().filter(|other| other[0] == own[0]).count() == 1;
+        match own.get(1).filter(|_| !is_alone) {
+            Some(above) => format!("{above}.{}", own[0]),
+            None => own[0].clone(),
+        }
+    };
+    Ok(paths.iter().cloned().zip(parts.iter().map(name)).collect())
+}
+
+/// All runs, seeds innermost. Methods that leave nothing to chance run once.
+fn plan<'a>(args: &'a BenchArgs, scenes: &'a [(PathBuf, String)]) -> Vec<Run<'a>> {
+    let mut plan = Vec::new();
+    for (scene, name) in scenes {
+        for supervision in &args.supervision {
+            for variant in args.variants() {
+                let seeds = if variant.method == "hull" { 1 } else { args.seeds };
+                for seed in 0..seeds {
+                    let supervision = supervision.to_string();
+                    let folder = format!("{name}.{}.{supervision}.{seed}", variant.name);
+                    plan.push(Run { scene, name, variant: variant.clone(), supervision, seed, folder });
+                }
+            }
+        }
+    }
+    plan
+}
+
+impl Run<'_> {
+    /// What the run came to: carried out now, unless its figures are there already.
+    fn outcome(&self, args: &BenchArgs) -> Result<Outcome> {
+        let folder = RunFolder::new(args.out.join("runs").join(&self.folder));
+        let figures = args.out.join("runs").join(format!("{}.json", self.folder));
+        if let Ok(text) = std::fs::read_to_string(&figures) {
+            return serde_json::from_str(&text).with_context(|| format!("{} is damaged; remove it", figures.display()));
+        }
+        let start = Instant::now();
+        let mut command = Command::new(std::env::current_exe().context("this program cannot be started again")?);
+        command.arg("train").arg(self.scene).arg("--out").arg(folder.root()).arg("--overwrite");
+        command.args(["--method", &self.variant.method, "--seed", &self.seed.to_string()]);
+        if self.variant.method != "hull" {
+            command.args(["--supervision", &self.supervision]);
+        }
+        command.args(self.variant.settings.iter().flat_map(|setting| ["--set", setting.as_str()]));
+        if let Some(time) = args.time {
+            command.args(["--time", &format!("{}s", time.as_secs_f64())]);
+        }
+        let output = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped()).output()?;
+        let seconds = start.elapsed().as_secs_f64();
+        // A run without a mesh leaves its figures and says so by its exit code; what else fails leaves none.
+        let metrics = std::fs::read_to_string(folder.metrics_json()).ok();
+        let metrics: Option<RunMetrics> = metrics.and_then(|text| serde_json::from_str(&text).ok());
+        let Some(metrics) = metrics else {
+            let said = String::from_utf8_lossy(&output.stderr);
+            let last = said.lines().last().unwrap_or("nothing was said");
+            bail!("{} did not get through: {last}", self.folder);
+        };
+        let outcome = Outcome::new(self.name, &self.variant.name, &self.supervision, seconds, &metrics);
+        write_bytes_atomically(&figures, serde_json::to_string_pretty(&outcome)?.as_bytes())?;
+        Ok(outcome)
+    }
+}

@@ -1,0 +1,122 @@
+//! Results as tables: medians over seeds, with their range.
+
+use std::fmt::Write;
+
+use anyhow::Result;
+
+use super::results::{Outcome, Results};
+
+/// A column: its head, its value, and how many decimals it is printed with.
+type Column = (&'static str, fn(&Outcome) -> Option<f64>, usize);
+
+const COLUMNS: [Column; 11] = [
+    ("whole job, s", |o| Some(o.seconds), 1),
+    ("training, s", |o| o.training_seconds, 2),
+    ("CPU, s", |o| o.cpu_seconds, 1),
+    ("MB", |o| Some(o.peak_memory? as f64 / 1e6), 0),
+    ("stored kB", |o| Some(o.bytes? as f64 / 1e3), 0),
+    ("Chamfer-L1", |o| o.chamfer_l1, 4),
+    ("floor", |o| o.floor, 4),
+    ("normals", |o| o.normals, 3),
+    ("volume IoU", |o| o.volume_iou, 3),
+    ("held-out PSNR, dB", |o| o.psnr, 2),
+    ("silhouette IoU", |o| o.mask_iou, 4),
+];
+
+/// Markdown, one line for each scene, supervision and method.
+pub fn markdown(results: &Results) -> String {
+    let machine = &results.machine;
+    let mut text = format!(
+        "{}, {} threads, {}. Median over seeds (range). Lengths in edges of the object cube; papers print Chamfer-L1 times 10. \
+         PSNR and silhouettes are those of the coloured mesh on views that were not trained on.\n\n",
+        machine.processor, machine.threads, machine.program
+    );
+    let columns: Vec<&Column> = COLUMNS
+        .iter()
+        .filter(|(_, value, _)| results.outcomes.iter().any(|outcome| value(outcome).is_some()))
+        .collect();
+    let heads: Vec<&str> = columns.iter().map(|(head, _, _)| *head).collect();
+    let _ = writeln!(text, "| scene | from | method | seeds | {} |", heads.join(" | "));
+    let _ = writeln!(text, "|{}", "---|".repeat(4 + columns.len()));
+    for group in grouped(&results.outcomes) {
+        let first = group[0];
+        let cells: Vec<String> = columns.iter().map(|(_, value, decimals)| cell(&group, value, *decimals)).collect();
+        let (scene, from, method) = (&first.scene, &first.supervision, &first.method);
+        let _ = writeln!(text, "| {scene} | {from} | {method} | {} | {} |", group.len(), cells.join(" | "));
+    }
+    text
+}
+
+/// Outcomes that differ in their seed only, in the order in which they first appear.
+fn grouped(outcomes: &[Outcome]) -> Vec<Vec<&Outcome>> {
+    let key = |o: &Outcome| (o.scene.clone(), o.supervision.clone(), o.method.clone());
+    let mut groups: Vec<Vec<&Outcome>> = Vec::new();
+    for outcome in outcomes {
+        match groups.iter_mut().find(|group| key(group[0]) == key(outcome)) {
+            Some(group) => group.push(outcome),
+            None => groups.push(vec![outcome]),
+        }
+    }
+    groups
+}
+
+/// Median and range.
+fn cell(group: &[&Outcome], value: &fn(&Outcome) -> Option<f64>, decimals: usize) -> String {
+    let mut values: Vec<f64> = group.iter().filter_map(|outcome| value(outcome)).collect();
+    values.sort_by(f64::total_cmp);
+    let print = |value: f64| format!("{value:.decimals$}");
+    match values[..] {
+        [] if group.iter().any(|outcome| outcome.faces == Some(0)) => "no mesh".into(),
+        [] => String::new(),
+        [one] => print(one),
+        [low, .., high] => {
+            let (low, high, median) = (print(low), print(high), print(median(&values)));
+            if low == high { median } else { format!("{median} ({low}-{high})") }
+        }
+    }
+}
+
+/// Of sorted values.
+fn median(values: &[f64]) -> f64 {
+    let middle = values.len() / 2;
+    if values.len() % 2 == 1 { values[middle] } else { 0.5 * (values[middle - 1] + values[middle]) }
+}
+
+/// All figures of all runs.
+pub fn csv(outcomes: &[Outcome]) -> Result<String> {
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    for outcome in outcomes {
+        writer.serialize(outcome)?;
+    }
+    Ok(String::from_utf8(writer.into_inner()?)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::machine;
+    use super::*;
+
+    fn outcome(scene: &str, method: &str, seed: u64, seconds: f64, chamfer: Option<f64>) -> Outcome {
+        let json = serde_json::json!({
+            "scene": scene, "method": method, "seed": seed, "seconds": seconds, "chamfer_l1": chamfer,
+            "faces": chamfer.map_or(0, |_| 8),
+        });
+        serde_json::from_value(json).unwrap()
+    }
+
+    #[test]
+    fn seeds_become_a_median_and_a_range_and_what_is_empty_says_so() {
+        let outcomes = vec![
+            outcome("a", "fast", 0, 3.0, Some(0.003)),
+            outcome("a", "slow", 0, 9.0, None),
+            outcome("a", "fast", 1, 1.0, Some(0.004)),
+            outcome("a", "fast", 2, 2.0, Some(0.0035)),
+        ];
+        let results = Results { outcomes, ..Results::new(machine::describe()) };
+        let table = markdown(&results);
+        assert!(table.contains("| a |  | fast | 3 | 2.0 (1.0-3.0) | 0.0035 (0.0030-0.0040) |"), "{table}");
+        assert!(table.contains("| a |  | slow | 1 | 9.0 | no mesh |"), "{table}");
+        assert!(!table.contains("volume IoU"), "nobody measured it");
+        assert_eq!(csv(&results.outcomes).unwrap().lines().count(), 5);
+    }
+}
