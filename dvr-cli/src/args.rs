@@ -5,8 +5,9 @@ use std::time::Duration;
 
 use anyhow::Result;
 use clap::{Args, Parser, Subcommand, ValueEnum};
-use dvr_core::dataset::{Background, BackgroundColor, Format, Normalise, ReadOptions};
-use dvr_train::Supervision;
+use dvr_core::Split;
+use dvr_core::dataset::{Background, BackgroundColor, Format, Normalise, ObjectOptions, ReadOptions};
+use dvr_train::{Shard, Supervision};
 
 use crate::backend::Backend;
 
@@ -129,24 +130,25 @@ pub struct InfoArgs {
 /// Arguments of `dvr train`.
 #[derive(Args, Debug)]
 pub struct TrainArgs {
-    /// Folder (or cameras file) of the scene; not needed with --resume
+    /// Folder (or cameras file) of a scene, which is reconstructed; or folder of a dataset of many objects, from which a model
+    /// learns to make shapes of single pictures. Not needed with --resume
     #[arg(required_unless_present_any = ["resume", "print_config"])]
     pub scene: Option<PathBuf>,
     /// Folder for checkpoints, mesh, preview and figures
     #[arg(long, short, value_name = "DIR", required_unless_present = "print_config")]
     pub out: Option<PathBuf>,
     /// Continue the run in --out from its last checkpoint
-    #[arg(long, conflicts_with_all = ["overwrite", "config", "set", "supervision", "steps", "seed", "method", "capacity", "max_bytes"])]
+    #[arg(long, conflicts_with_all = ["overwrite", "config", "set", "supervision", "steps", "seed", "method", "capacity", "max_bytes", "categories", "inputs"])]
     pub resume: bool,
     /// Replace the run in --out
     #[arg(long)]
     pub overwrite: bool,
-    /// What teaches the shape: rgb, depth or rgb+depth [default: rgb]
+    /// What teaches the shape: rgb, depth or rgb+depth; for datasets also occupancy (3D, from points.npz) [default: rgb]
     #[arg(long, value_name = "WHAT", help_heading = "Training")]
     pub supervision: Option<Supervision>,
-    /// How to reconstruct
-    #[arg(long, visible_alias = "preset", value_enum, default_value_t = MethodName::Fast, help_heading = "Training")]
-    pub method: MethodName,
+    /// How to reconstruct [default: fast; for datasets: network]
+    #[arg(long, visible_alias = "preset", value_enum, help_heading = "Training")]
+    pub method: Option<MethodName>,
     /// How fine the field of `fast` may become: auto, or cells along an edge (a power of two, 32 to 512) [default: auto]
     #[arg(long, value_parser = parse_capacity, value_name = "CELLS", help_heading = "Training")]
     pub capacity: Option<CapacityArg>,
@@ -172,6 +174,8 @@ pub struct TrainArgs {
     #[arg(long, help_heading = "Training")]
     pub print_config: bool,
     #[command(flatten)]
+    pub objects: ObjectsArgs,
+    #[command(flatten)]
     pub meshing: MeshingArgs,
     #[command(flatten)]
     pub backend: BackendArg,
@@ -179,14 +183,37 @@ pub struct TrainArgs {
     pub reading: SceneArgs,
 }
 
+/// How a dataset of objects is read.
+#[derive(Args, Clone, Debug, Default)]
+#[command(next_help_heading = "Datasets of objects")]
+pub struct ObjectsArgs {
+    /// Only these categories, by folder or by name; separate with commas
+    #[arg(long, value_delimiter = ',', value_name = "CATEGORY")]
+    pub categories: Vec<String>,
+    /// Dataset with the encoder's pictures, under the same category and object, e.g. the 3D-R2N2 renders [default: the objects' own]
+    #[arg(long, value_name = "DIR")]
+    pub inputs: Option<PathBuf>,
+}
+
+impl ObjectsArgs {
+    /// As the library takes it; depth comes from where the scene's arguments say.
+    pub fn options(&self, reading: &SceneArgs) -> ObjectOptions {
+        ObjectOptions {
+            categories: self.categories.clone(),
+            inputs: self.inputs.clone(),
+            visual_hull_depth: reading.visual_hull_depth,
+        }
+    }
+}
+
 /// How a scene is reconstructed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum MethodName {
     /// A compact field on lattices: seconds
     Fast,
-    /// The publication's network, started from the visual hull: minutes
+    /// The publication's network, started from the visual hull: minutes; for datasets, of a size for a few cores: an hour
     Network,
-    /// The network with the publication's own settings: hours
+    /// The network with the publication's own settings: hours; for datasets: weeks without a GPU
     Classic,
     /// The visual hull of the masks, coloured by the photographs: what can be had without any training
     Hull,
@@ -223,9 +250,9 @@ pub enum ContourName {
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Mesh")]
 pub struct MeshingArgs {
-    /// Grid cells along an edge of the object's cube
-    #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(8..=2048), value_name = "N")]
-    pub resolution: u32,
+    /// Grid cells along an edge of the object's cube [default: 256; 128 where a dataset is evaluated]
+    #[arg(long, value_parser = clap::value_parser!(u32).range(8..=2048), value_name = "N")]
+    pub resolution: Option<u32>,
     /// How the surface is made triangles; the mesh is watertight either way
     #[arg(long, value_enum, default_value_t = ContourName::MarchingCubes)]
     pub contour: ContourName,
@@ -341,14 +368,15 @@ pub enum Animation {
 #[derive(Args, Debug)]
 pub struct EvalArgs {
     /// Folder of a run, one of its checkpoints, or a mesh file in the scene's coordinates
-    pub subject: PathBuf,
-    /// The scene with ground truth or held-out views [default: the one the run was trained on]
-    #[arg(long, value_name = "SCENE")]
+    #[arg(required_unless_present_any = ["baseline", "merge"], conflicts_with_all = ["baseline", "merge"])]
+    pub subject: Option<PathBuf>,
+    /// The scene with ground truth or held-out views, or the dataset [default: what the run was trained on]
+    #[arg(long, value_name = "PATH")]
     pub data: Option<PathBuf>,
-    /// Write the figures to this file as JSON
+    /// Write the figures of a scene to this file as JSON
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
-    /// Seed of the surface samples
+    /// Seed of the surface samples, and of which picture an object is given by
     #[arg(long, default_value_t = 0, value_name = "N")]
     pub seed: u64,
     /// Samples across the object's cube when views are rendered
@@ -358,11 +386,71 @@ pub struct EvalArgs {
     #[arg(long)]
     pub no_views: bool,
     #[command(flatten)]
+    pub objects: EvalObjectsArgs,
+    #[command(flatten)]
     pub meshing: MeshingArgs,
     #[command(flatten)]
     pub backend: BackendArg,
     #[command(flatten)]
     pub reading: SceneArgs,
+}
+
+/// How a model is measured on a dataset of many objects.
+#[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "Datasets of objects")]
+pub struct EvalObjectsArgs {
+    /// The objects to measure: train, val or test [default: test]
+    #[arg(long, value_enum, value_name = "SPLIT")]
+    pub split: Option<SplitArg>,
+    /// Folder for objects.jsonl and the tables summary.{json,csv,md}; objects that are in it already are not measured again
+    /// [default: eval_SPLIT in the run]
+    #[arg(long, short, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// One part of the objects, for a cluster's job array: 3/16 is the third of sixteen
+    #[arg(long, value_parser = parse_shard, value_name = "I/N")]
+    pub shard: Option<Shard>,
+    /// Also compare renders of each mesh with so many views of the object
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    pub object_views: usize,
+    /// Measure a baseline instead of a run
+    #[arg(long, value_enum, requires = "data", requires = "out")]
+    pub baseline: Option<Baseline>,
+    #[command(flatten)]
+    pub reading: ObjectsArgs,
+    /// Join results (objects*.jsonl): shards become one table, several subjects stand side by side
+    #[arg(long, num_args = 1.., value_name = "FILE", requires = "out", conflicts_with_all = ["baseline", "data"])]
+    pub merge: Vec<PathBuf>,
+}
+
+/// The splits of a dataset.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum SplitArg {
+    /// Objects that were trained on
+    Train,
+    /// Objects that chose the best step
+    Val,
+    /// Objects that training never saw
+    Test,
+}
+
+impl SplitArg {
+    /// As the library has it.
+    pub fn split(self) -> Split {
+        match self {
+            Self::Train => Split::Train,
+            Self::Val => Split::Val,
+            Self::Test => Split::Test,
+        }
+    }
+}
+
+/// What a model must beat.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Baseline {
+    /// The mean training shape of the object's category, whatever the picture shows
+    MeanShape,
+    /// The training object with the most similar picture
+    NearestPicture,
 }
 
 /// Arguments of `dvr bench`.
@@ -467,6 +555,13 @@ fn parse_duration(text: &str) -> Result<Duration, String> {
     Duration::try_from_secs_f64(seconds * factor).map_err(|e| format!("{text:?}: {e}"))
 }
 
+/// Reads `3/16`.
+fn parse_shard(text: &str) -> Result<Shard, String> {
+    let parts = text.split_once('/').and_then(|(number, of)| Some((number.parse().ok()?, of.parse().ok()?)));
+    let shard = parts.map(|(number, of)| Shard { number, of }).filter(|shard| (1..=shard.of).contains(&shard.number));
+    shard.ok_or_else(|| format!("{text:?} is no part; write 1/16, 2/16 and so on up to 16/16"))
+}
+
 /// Reads `name:key=value,key=value`.
 fn parse_variant(text: &str) -> Result<Variant, String> {
     let error = || format!("{text:?} is no variant; write NAME:KEY=VALUE, e.g. no-texture:losses.texture=0");
@@ -532,6 +627,8 @@ mod tests {
         assert_eq!(parse_duration("1.5m"), Ok(Duration::from_secs(90)));
         assert!(parse_duration("soon").is_err() && parse_duration("-1s").is_err());
         assert_eq!(parse_size("320x240"), Ok((320, 240)));
+        assert_eq!(parse_shard("3/16"), Ok(Shard { number: 3, of: 16 }));
+        assert!(["0/3", "4/3", "3", "a/b", "1/0"].into_iter().all(|shard| parse_shard(shard).is_err()));
         assert_eq!(parse_capacity("64"), Ok(CapacityArg::Cells(64)));
         let variant = parse_variant("rough:losses.roughness=0,rays=99").unwrap();
         assert_eq!((variant.name.as_str(), variant.settings.len()), ("rough", 2));

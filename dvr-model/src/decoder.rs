@@ -4,7 +4,7 @@ use burn::config::Config;
 use burn::module::Module;
 use burn::nn::{Initializer, Linear, LinearConfig};
 use burn::tensor::activation::{leaky_relu, relu, sigmoid};
-use burn::tensor::{Device, Tensor};
+use burn::tensor::{Device, Int, Tensor};
 use dvr_render::{Field, FieldJet, FieldValues, Query, Snapshot, axis_direction};
 
 use crate::encoding;
@@ -91,21 +91,23 @@ impl Decoder {
     ///
     /// `points` is `[n, 3]`; `code` holds one latent code a point, `[n, code_dim]`, or is `None`.
     pub fn forward(&self, points: Tensor<2>, code: Option<Tensor<2>>) -> Tensor<2> {
-        let net = self.hidden(points, code);
-        self.fc_out.forward(if self.leaky { leaky_relu(net, LEAK) } else { relu(net) })
+        self.outputs(points, &self.conditions(code), None)
     }
 
-    /// The last hidden layer before its activation, `[n, hidden]`.
-    fn hidden(&self, points: Tensor<2>, code: Option<Tensor<2>>) -> Tensor<2> {
+    /// What each block adds of the codes `[m, code_dim]`: one `[m, hidden]` a block, none without codes.
+    fn conditions(&self, codes: Option<Tensor<2>>) -> Vec<Tensor<2>> {
+        codes.map_or_else(Vec::new, |codes| self.fc_c.iter().map(|fc_c| fc_c.forward(codes.clone())).collect())
+    }
+
+    /// As [`Decoder::forward`], with the codes already projected; `object` picks the row of each point, see [`given`].
+    fn outputs(&self, points: Tensor<2>, conditions: &[Tensor<2>], object: Option<&Tensor<1, Int>>) -> Tensor<2> {
         let mut net = self.fc_p.forward(encoding::encode(points, self.octaves));
         for (i, block) in self.blocks.iter().enumerate() {
-            if let (Some(fc_c), Some(code)) = (self.fc_c.get(i), &code) {
-                net = net + fc_c.forward(code.clone());
-            }
+            net = given(net, conditions.get(i), object);
             let inner = relu(block.fc_0.forward(relu(net.clone())));
             net = net + block.fc_1.forward(inner);
         }
-        net
+        self.fc_out.forward(if self.leaky { leaky_relu(net, LEAK) } else { relu(net) })
     }
 
     /// Raw outputs `[n, 4]` and, for each of several directions `[n, 3]`, their derivative along it, `[n, 4]`.
@@ -118,6 +120,17 @@ impl Decoder {
         code: Option<Tensor<2>>,
         directions: Vec<Tensor<2>>,
     ) -> (Tensor<2>, Vec<Tensor<2>>) {
+        self.tangents(points, &self.conditions(code), None, directions)
+    }
+
+    /// As [`Decoder::forward_mode`], with the codes already projected.
+    fn tangents(
+        &self,
+        points: Tensor<2>,
+        conditions: &[Tensor<2>],
+        object: Option<&Tensor<1, Int>>,
+        directions: Vec<Tensor<2>>,
+    ) -> (Tensor<2>, Vec<Tensor<2>>) {
         let mut tangents: Vec<_> = directions
             .into_iter()
             .map(|direction| {
@@ -127,9 +140,7 @@ impl Decoder {
             .collect();
         let mut net = self.fc_p.forward(encoding::encode(points, self.octaves));
         for (i, block) in self.blocks.iter().enumerate() {
-            if let (Some(fc_c), Some(code)) = (self.fc_c.get(i), &code) {
-                net = net + fc_c.forward(code.clone());
-            }
+            net = given(net, conditions.get(i), object);
             let off = net.clone().lower_equal_elem(0.0);
             let inner = block.fc_0.forward(relu(net.clone()));
             let inner_off = inner.clone().lower_equal_elem(0.0);
@@ -152,15 +163,27 @@ impl Decoder {
     }
 }
 
+/// A layer `[n, hidden]` and what its points' codes add: the row of `condition` `[m, hidden]` that `object` `[n]` picks
+/// for each point, or without `object` a row a point, or the only row for all of them.
+fn given(net: Tensor<2>, condition: Option<&Tensor<2>>, object: Option<&Tensor<1, Int>>) -> Tensor<2> {
+    match (condition, object) {
+        (None, _) => net,
+        (Some(condition), Some(object)) => net + condition.clone().select(0, object.clone()),
+        (Some(condition), None) => net + condition.clone(),
+    }
+}
+
 impl Decoder {
     /// The field of objects with latent codes, `[objects, code_dim]`: a [`Query`]'s object index picks the row.
+    ///
+    /// Codes are projected here, once an object; what is left for each point is to pick a row.
     pub fn with_codes(&self, codes: Tensor<2>) -> Conditioned {
-        Conditioned { decoder: self.clone(), codes: Some(codes) }
+        Conditioned { conditions: self.conditions(Some(codes)), decoder: self.clone() }
     }
 
     /// The field of the one object that a decoder without codes holds.
     fn unconditioned(&self) -> Conditioned {
-        Conditioned { decoder: self.clone(), codes: None }
+        Conditioned { conditions: Vec::new(), decoder: self.clone() }
     }
 }
 
@@ -168,17 +191,30 @@ impl Decoder {
 #[derive(Clone, Debug)]
 pub struct Conditioned {
     decoder: Decoder,
-    codes: Option<Tensor<2>>,
+    /// What each block adds of the codes, `[objects, hidden]`; empty without codes.
+    conditions: Vec<Tensor<2>>,
 }
 
 impl Conditioned {
-    /// The code of each point, `[n, code_dim]`.
-    fn code_of(&self, query: &Query) -> Option<Tensor<2>> {
-        let codes = self.codes.clone()?;
-        Some(match &query.object {
-            Some(object) => codes.select(0, object.clone()),
-            None => codes.narrow(0, 0, 1).expand([query.len() as i64, -1]),
-        })
+    /// Raw outputs, `[n, 4]`.
+    fn outputs(&self, query: &Query) -> Tensor<2> {
+        match &query.object {
+            Some(object) => self.decoder.outputs(query.points.clone(), &self.conditions, Some(object)),
+            None => self.decoder.outputs(query.points.clone(), &self.of_object_0(), None),
+        }
+    }
+
+    /// Raw outputs and their derivatives along directions, each `[n, 4]`.
+    fn tangents(&self, query: &Query, directions: Vec<Tensor<2>>) -> (Tensor<2>, Vec<Tensor<2>>) {
+        match &query.object {
+            Some(object) => self.decoder.tangents(query.points.clone(), &self.conditions, Some(object), directions),
+            None => self.decoder.tangents(query.points.clone(), &self.of_object_0(), None, directions),
+        }
+    }
+
+    /// What the blocks add of the first object's code, `[1, hidden]` each.
+    fn of_object_0(&self) -> Vec<Tensor<2>> {
+        self.conditions.iter().map(|condition| condition.clone().narrow(0, 0, 1)).collect()
     }
 }
 
@@ -189,15 +225,15 @@ fn as_values(out: Tensor<2>) -> FieldValues {
 
 impl Field for Conditioned {
     fn evaluate(&self, query: &Query) -> FieldValues {
-        as_values(self.decoder.forward(query.points.clone(), self.code_of(query)))
+        as_values(self.outputs(query))
     }
 
     fn occupancy_logit(&self, query: &Query) -> Tensor<1> {
-        self.decoder.forward(query.points.clone(), self.code_of(query)).narrow(1, 0, 1).squeeze_dim(1)
+        self.outputs(query).narrow(1, 0, 1).squeeze_dim(1)
     }
 
     fn jet(&self, query: &Query, direction: Tensor<2>) -> FieldJet {
-        let (out, mut tangents) = self.decoder.forward_mode(query.points.clone(), self.code_of(query), vec![direction]);
+        let (out, mut tangents) = self.tangents(query, vec![direction]);
         let value = as_values(out);
         let tangent = tangents.remove(0);
         // d sigmoid(x) = sigmoid(x) (1 - sigmoid(x)) dx
@@ -211,7 +247,7 @@ impl Field for Conditioned {
 
     fn occupancy_gradient(&self, query: &Query) -> Tensor<2> {
         let axes = (0..3).map(|axis| axis_direction(query, axis)).collect();
-        let (_, tangents) = self.decoder.forward_mode(query.points.clone(), self.code_of(query), axes);
+        let (_, tangents) = self.tangents(query, axes);
         Tensor::cat(tangents.into_iter().map(|t| t.narrow(1, 0, 1)).collect(), 1)
     }
 
@@ -224,10 +260,7 @@ impl Field for Conditioned {
             return Vec::new();
         }
         let fused = FusedDecoder::new(&self.decoder);
-        snapshots(match &self.codes {
-            Some(codes) => fused.with_codes(&self.decoder, codes),
-            None => vec![fused],
-        })
+        snapshots(if self.conditions.is_empty() { vec![fused] } else { fused.with_conditions(&self.conditions) })
     }
 }
 

@@ -34,16 +34,15 @@ impl FusedDecoder {
         Self { network: ResidualMlp::new(weights(&input), &blocks, weights(&output), decoder.octaves, leak) }
     }
 
-    /// The same for each of some latent codes, `[objects, code_dim]`.
-    pub fn with_codes(&self, decoder: &Decoder, codes: &Tensor<2>) -> Vec<Self> {
-        // fc_c(c), [objects, hidden] a block
+    /// The same for each of some objects, given what each block adds of their codes, `[objects, hidden]` a block.
+    pub(crate) fn with_conditions(&self, conditions: &[Tensor<2>]) -> Vec<Self> {
+        let [objects, hidden] = conditions.first().map_or([0, 0], Tensor::dims);
         let shifts: Vec<Vec<f32>> =
-            decoder.fc_c.iter().map(|fc_c| fc_c.forward(codes.clone()).into_data().iter::<f32>().collect()).collect();
-        let hidden = decoder.fc_p.weight.dims()[1];
+            conditions.iter().map(|condition| condition.clone().into_data().iter::<f32>().collect()).collect();
         let of_object = |object: usize| -> Vec<Vec<f32>> {
             shifts.iter().map(|shift| shift[object * hidden..(object + 1) * hidden].to_vec()).collect()
         };
-        (0..codes.dims()[0]).map(|object| Self { network: self.network.shifted(&of_object(object)) }).collect()
+        (0..objects).map(|object| Self { network: self.network.shifted(&of_object(object)) }).collect()
     }
 
     /// Whether a parameter is a number that the processor computes with in single precision.

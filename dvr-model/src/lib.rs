@@ -24,8 +24,10 @@
 #![warn(missing_docs)]
 
 mod decoder;
+mod encoder;
 mod encoding;
 mod fused;
+mod image_model;
 mod lattice_decoder;
 mod lattice_field;
 pub mod lattice_file;
@@ -33,7 +35,9 @@ mod lattice_op;
 mod record;
 
 pub use decoder::{Conditioned, Decoder, DecoderConfig, ResnetBlock};
+pub use encoder::{BasicBlock, Codes, Convolutional, Encoder, EncoderConfig, Resnet18, Resnet18Features};
 pub use fused::FusedDecoder;
+pub use image_model::{ImageModel, ImageModelConfig, OutOfRange};
 pub use lattice_decoder::{LatticeDecoder, LatticeDecoderConfig};
 pub use lattice_field::{LatticeField, LatticeValues};
 pub use record::{FORMAT_VERSION, RecordError, from_safetensors, load_safetensors, save_safetensors, to_safetensors};

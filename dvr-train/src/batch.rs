@@ -46,11 +46,64 @@ pub struct PixelSampling {
     pub object_share: f64,
 }
 
+impl PixelSampling {
+    /// Pixels a patch.
+    pub fn patch_pixels(&self) -> usize {
+        self.patch_size * self.patch_size
+    }
+}
+
 /// The interval of a ray that meets nothing.
 const NOWHERE: (f64, f64) = (0.0, -1.0);
 
 /// Tries to find an object pixel before a patch is taken anywhere: views may show the object in few pixels or none.
 const OBJECT_TRIES: usize = 256;
+
+/// What some pixels show, before it goes to a device. Patches stand one after the other, each row by row.
+#[derive(Clone, Debug, Default)]
+pub struct Pixels {
+    /// Rays through the pixel centres.
+    pub rays: Vec<Ray>,
+    /// sRGB colours in `[0, 1]`, three numbers a pixel.
+    pub color: Vec<f32>,
+    /// Whether each pixel shows the object.
+    pub object: Vec<bool>,
+    /// Measured z-depth of each pixel, object units; not finite where nothing was measured.
+    pub z_depth: Vec<f32>,
+}
+
+impl Pixels {
+    /// Draws patches from views, every view equally often, and adds them to those that are there.
+    pub fn draw(&mut self, views: &[&View], sampling: PixelSampling, rng: &mut impl Rng) {
+        let size = sampling.patch_size as u32;
+        let patches: Vec<_> = (0..(sampling.rays / sampling.patch_pixels()).max(1))
+            .map(|_| {
+                let on_object = rng.random_bool(sampling.object_share);
+                draw_patch(views, size, on_object, rng)
+            })
+            .collect();
+        for patch in patches {
+            let view = views[patch.view];
+            for (dv, du) in (0..size).flat_map(|dv| (0..size).map(move |du| (dv, du))) {
+                let (u, v) = (patch.u + du, patch.v + dv);
+                self.rays.push(view.camera.pixel_ray(u, v));
+                self.color.extend(view.image.get_pixel(u, v).0.map(|c| f32::from(c) / 255.0));
+                self.object.push(view.mask.is_object(u, v));
+                self.z_depth.push(view.depth.as_ref().map_or(f32::INFINITY, |depth| depth.get(u, v)));
+            }
+        }
+    }
+
+    /// How many pixels there are.
+    pub fn len(&self) -> usize {
+        self.object.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.object.is_empty()
+    }
+}
 
 impl PixelBatch {
     /// Draws patches from views, every view equally often.
@@ -64,30 +117,24 @@ impl PixelBatch {
         rng: &mut impl Rng,
         device: &Device,
     ) -> Self {
-        let size = sampling.patch_size as u32;
-        let pixels = sampling.patch_size * sampling.patch_size;
-        let patches: Vec<_> = (0..(sampling.rays / pixels).max(1))
-            .map(|_| {
-                let on_object = rng.random_bool(sampling.object_share);
-                draw_patch(views, size, on_object, rng)
-            })
-            .collect();
-        let n = patches.len() * pixels;
-        let mut rays = Vec::with_capacity(n);
-        let mut color = Vec::with_capacity(3 * n);
-        let (mut object, mut z_depth) = (Vec::with_capacity(n), Vec::with_capacity(n));
-        for patch in patches {
-            let view = views[patch.view];
-            for (dv, du) in (0..size).flat_map(|dv| (0..size).map(move |du| (dv, du))) {
-                let (u, v) = (patch.u + du, patch.v + dv);
-                rays.push(view.camera.pixel_ray(u, v));
-                color.extend(view.image.get_pixel(u, v).0.map(|c| f32::from(c) / 255.0));
-                object.push(view.mask.is_object(u, v));
-                z_depth.push(view.depth.as_ref().map_or(f32::INFINITY, |depth| depth.get(u, v)));
-            }
-        }
-        let color = Tensor::from_data(TensorData::new(color, [n, 3]), device);
-        Self::new(&rays, color, object, z_depth, pixels, bound, device)
+        let mut pixels = Pixels::default();
+        pixels.draw(views, sampling, rng);
+        Self::of_pixels(pixels, sampling.patch_pixels(), bound, device)
+    }
+
+    /// Moves pixels to a device; `patch_pixels` of them make a patch, and `bound` is that of [`PixelBatch::draw`].
+    pub fn of_pixels(pixels: Pixels, patch_pixels: usize, bound: Option<&SkipGrid>, device: &Device) -> Self {
+        let color = Tensor::from_data(TensorData::new(pixels.color, [pixels.object.len(), 3]), device);
+        Self::new(&pixels.rays, color, pixels.object, pixels.z_depth, patch_pixels, bound, device)
+    }
+
+    /// Says which object each ray looks at: the row of its latent code.
+    #[must_use]
+    pub fn with_objects(mut self, objects: Vec<i64>) -> Self {
+        let device = self.color.device();
+        let count = objects.len();
+        self.rays.object = Some(Tensor::from_data(TensorData::new(objects, [count]), &device));
+        self
     }
 
     /// Puts a batch together from its rays and what their pixels show; see the fields.

@@ -52,6 +52,9 @@ pub struct Best {
     pub step: usize,
     /// PSNR on held-out pixels, dB.
     pub psnr: f64,
+    /// IoU of the silhouettes on the same pixels.
+    #[serde(default)]
+    pub mask_iou: f64,
 }
 
 /// What a learner has learned, and what it needs to go on learning.

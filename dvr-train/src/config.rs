@@ -4,6 +4,7 @@ use dvr_model::DecoderConfig;
 use dvr_render::{RootMethod, SlopeRule};
 use serde::{Deserialize, Serialize};
 
+use crate::batch::PixelSampling;
 use crate::error::{Error, Result};
 use crate::method::overridden;
 
@@ -18,6 +19,9 @@ pub enum Supervision {
     Depth,
     /// Both.
     RgbDepth,
+    /// Points of the cube of which the dataset says whether they are inside: 3D supervision, for comparison, and for
+    /// datasets of objects only. There is no texture then.
+    Occupancy,
 }
 
 impl std::fmt::Display for Supervision {
@@ -26,6 +30,7 @@ impl std::fmt::Display for Supervision {
             Self::Rgb => "rgb",
             Self::Depth => "depth",
             Self::RgbDepth => "rgb+depth",
+            Self::Occupancy => "occupancy",
         })
     }
 }
@@ -38,7 +43,8 @@ impl std::str::FromStr for Supervision {
             "rgb" => Ok(Self::Rgb),
             "depth" => Ok(Self::Depth),
             "rgb+depth" | "rgb-depth" => Ok(Self::RgbDepth),
-            other => Err(format!("{other:?} is no supervision; choose rgb, depth or rgb+depth")),
+            "occupancy" => Ok(Self::Occupancy),
+            other => Err(format!("{other:?} is no supervision; choose rgb, depth, rgb+depth or occupancy")),
         }
     }
 }
@@ -167,6 +173,7 @@ impl TrainConfig {
             Supervision::Rgb => (1.0, 0.0, 0.0),
             Supervision::Depth => (0.0, 1.0, 10.0),
             Supervision::RgbDepth => (1.0, 0.0, 10.0),
+            Supervision::Occupancy => (0.0, 0.0, 0.0),
         };
         Self {
             supervision,
@@ -248,6 +255,11 @@ impl TrainConfig {
         let percent = self.percent(step);
         let passed = self.milestones_percent.iter().filter(|m| f64::from(**m) <= percent).count();
         self.learning_rate * self.learning_rate_factor.powi(passed as i32)
+    }
+
+    /// Which pixels a step looks at.
+    pub(crate) fn sampling(&self) -> PixelSampling {
+        PixelSampling { rays: self.rays, patch_size: self.patch_size, object_share: self.object_share }
     }
 
     fn percent(&self, step: usize) -> f64 {

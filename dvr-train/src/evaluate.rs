@@ -8,6 +8,7 @@ use dvr_core::metrics::shape::{F_SCORE_THRESHOLDS, SURFACE_SAMPLES, ShapeScore, 
 use dvr_core::sampling::sample_surface;
 use dvr_core::{GroundTruth, PointCloud, View};
 use dvr_render::{Shader, render_view};
+use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
 use crate::error::Result;
@@ -42,15 +43,27 @@ pub struct ViewEvaluation {
 /// # Errors
 /// When the truth is broken (points that are not finite).
 pub fn evaluate_shape(mesh: &Mesh, truth: &GroundTruth, seed: u64) -> Result<ShapeEvaluation> {
+    let sampled = || PointCloud::from(sample_surface(mesh, SURFACE_SAMPLES, seed));
+    evaluate_points(sampled, |points| points_inside(mesh, points), truth, seed)
+}
+
+/// Scores a shape that is given by points sampled from its surface, and by whether points are inside.
+///
+/// # Errors
+/// When the truth, or the shape, is broken (points that are not finite).
+pub(crate) fn evaluate_points(
+    surface_samples: impl FnOnce() -> PointCloud,
+    inside: impl FnOnce(&[Vec3]) -> Vec<bool>,
+    truth: &GroundTruth,
+    seed: u64,
+) -> Result<ShapeEvaluation> {
     let (mut surface, mut floor, mut volume_iou) = (None, None, None);
     if let Some(cloud) = &truth.surface {
-        let predicted = PointCloud::from(sample_surface(mesh, SURFACE_SAMPLES, seed));
-        surface = Some(score_surface(&predicted, cloud, &F_SCORE_THRESHOLDS)?);
+        surface = Some(score_surface(&surface_samples(), cloud, &F_SCORE_THRESHOLDS)?);
         floor = Some(cloud_floor(cloud, SURFACE_SAMPLES, &F_SCORE_THRESHOLDS, seed)?);
     }
     if let Some(samples) = &truth.occupancy {
-        let predicted = points_inside(mesh, &samples.points);
-        volume_iou = Some(intersection_over_union(&predicted, &samples.inside)?);
+        volume_iou = Some(intersection_over_union(&inside(&samples.points), &samples.inside)?);
     }
     Ok(ShapeEvaluation { surface, floor, volume_iou })
 }

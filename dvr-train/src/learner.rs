@@ -81,7 +81,7 @@ impl Learner for Trainer<'_, Decoder> {
 }
 
 /// A module and its optimiser as bytes.
-fn module_state<M: Module>(module: M, optimizer: &ModuleOptimizer) -> Result<LearnerState> {
+pub(crate) fn module_state<M: Module>(module: M, optimizer: &ModuleOptimizer) -> Result<LearnerState> {
     let broken = |e: RecordError| Error::Config(format!("the model cannot be stored: {e}"));
     let model = module.into_record().into_bytes().map_err(broken)?.to_vec();
     let training = optimizer.into_bytes().map_err(broken)?.to_vec();
@@ -99,7 +99,11 @@ pub(crate) fn restore_module<M: Module>(bytes: &[u8], module: M) -> Result<M> {
         .map_err(|e| Error::Config(format!("the checkpoint's parameters do not fit its own configuration: {e}")))
 }
 
-fn restore_optimizer(bytes: &[u8], optimizer: ModuleOptimizer) -> Result<ModuleOptimizer> {
+/// Puts a stored state into an optimiser.
+///
+/// # Errors
+/// When it cannot be read.
+pub(crate) fn restore_optimizer(bytes: &[u8], optimizer: ModuleOptimizer) -> Result<ModuleOptimizer> {
     optimizer
         .from_bytes(Bytes::from_bytes_vec(bytes.to_vec()))
         .map_err(|e| Error::Config(format!("the checkpoint's optimiser state cannot be read: {e}")))

@@ -52,6 +52,7 @@ mod method;
 mod metrics_log;
 mod model;
 mod objective;
+mod objects;
 pub mod preview;
 mod resources;
 mod run;
@@ -61,7 +62,7 @@ mod validate;
 mod warm_start;
 
 pub use bake::bake_colors;
-pub use batch::{PixelBatch, PixelSampling};
+pub use batch::{PixelBatch, PixelSampling, Pixels};
 pub use checkpoint::{Best, CHECKPOINT_VERSION, Checkpoint, CheckpointHeader, LearnerState};
 pub use config::{HullUse, LossWeights, MarchStage, OccupancyPoint, Supervision, TrainConfig};
 pub use error::{Error, Result};
@@ -73,6 +74,11 @@ pub use learner::Learner;
 pub use method::Method;
 pub use model::Model;
 pub use objective::{StepLoss, StepNoise, sparse_depth_loss, step_loss};
+pub use objects::{
+    Evaluation, MeanScore, MeanShapes, Measurement, NearestPicture, ObjectModel, ObjectScore, ObjectsConfig,
+    ObjectsMetrics, ObjectsTrainer, Results, Shape, Shard, Subject, Summary, TrainedObjects, finish_objects,
+    judged_input, merge_results, read_results, to_markdown, train_objects, write_summaries,
+};
 pub use resources::Resources;
 pub use run::{Observer, RunFolder, RunOptions, Stop, Trained, train};
 pub use sparse::SparseTargets;

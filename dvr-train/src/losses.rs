@@ -47,6 +47,12 @@ pub fn occupancy(logit: Tensor<1>) -> Tensor<1> {
     softplus(logit.neg(), 1.0).sum()
 }
 
+/// Cross entropy against known occupancies: `sum softplus(-s f)`, with the sign `s`, `[n]`, 1 where inside and -1 where
+/// outside. The objective of Occupancy Networks (Mescheder et al. 2019, equation 3).
+pub fn known_occupancy(logit: Tensor<1>, sign: Tensor<1>) -> Tensor<1> {
+    softplus((logit * sign).neg(), 1.0).sum()
+}
+
 /// Smoothness of the surface: `sum |n(p) - n(q)|_2` for neighbouring points `p`, `q` (equation 12).
 ///
 /// Takes the two gradients of the occupancy, `[n, 3]`, of any length.

@@ -1,10 +1,11 @@
-//! The ways to reconstruct a scene, each with its configuration.
+//! The ways to reconstruct a scene, or to learn from many, each with its configuration.
 
 use serde::{Deserialize, Serialize};
 
 use crate::config::{Supervision, TrainConfig};
 use crate::error::{Error, Result};
 use crate::fast::FastConfig;
+use crate::objects::ObjectsConfig;
 
 /// A method and everything that determines its run, besides the scene and the backend.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -14,6 +15,8 @@ pub enum Method {
     Lattice(FastConfig),
     /// The publication's network.
     Network(TrainConfig),
+    /// One network for many objects, each given by a picture.
+    Objects(ObjectsConfig),
 }
 
 impl Method {
@@ -22,6 +25,7 @@ impl Method {
         match self {
             Self::Lattice(config) => config.supervision,
             Self::Network(config) => config.supervision,
+            Self::Objects(config) => config.train.supervision,
         }
     }
 
@@ -30,6 +34,7 @@ impl Method {
         match self {
             Self::Lattice(config) => config.seed,
             Self::Network(config) => config.seed,
+            Self::Objects(config) => config.train.seed,
         }
     }
 
@@ -38,6 +43,7 @@ impl Method {
         match self {
             Self::Lattice(config) => config.hold_out_every,
             Self::Network(config) => config.hold_out_every,
+            Self::Objects(config) => config.train.hold_out_every,
         }
     }
 
@@ -46,22 +52,20 @@ impl Method {
         match self {
             Self::Lattice(config) => config.losses.depth,
             Self::Network(config) => config.losses.depth,
+            Self::Objects(config) => config.train.losses.depth,
         }
     }
 
     /// The same method with another seed, or other numbers of steps.
     #[must_use]
     pub fn with(mut self, seed: Option<u64>, steps: Option<usize>) -> Self {
-        match &mut self {
-            Self::Lattice(config) => {
-                config.seed = seed.unwrap_or(config.seed);
-                config.steps = steps.unwrap_or(config.steps);
-            }
-            Self::Network(config) => {
-                config.seed = seed.unwrap_or(config.seed);
-                config.steps = steps.unwrap_or(config.steps);
-            }
-        }
+        let (own_seed, own_steps) = match &mut self {
+            Self::Lattice(config) => (&mut config.seed, &mut config.steps),
+            Self::Network(config) => (&mut config.seed, &mut config.steps),
+            Self::Objects(config) => (&mut config.train.seed, &mut config.train.steps),
+        };
+        *own_seed = seed.unwrap_or(*own_seed);
+        *own_steps = steps.unwrap_or(*own_steps);
         self
     }
 
@@ -70,18 +74,13 @@ impl Method {
     /// # Errors
     /// Names the first key that does not exist, or the value that has the wrong type or is out of range.
     pub fn overridden(&self, overrides: &serde_json::Value) -> Result<Self> {
-        match self {
-            Self::Lattice(config) => {
-                let config: FastConfig = overridden(config, overrides)?;
-                config.check()?;
-                Ok(Self::Lattice(config))
-            }
-            Self::Network(config) => {
-                let config: TrainConfig = overridden(config, overrides)?;
-                config.check()?;
-                Ok(Self::Network(config))
-            }
-        }
+        let method = match self {
+            Self::Lattice(config) => Self::Lattice(overridden(config, overrides)?),
+            Self::Network(config) => Self::Network(overridden(config, overrides)?),
+            Self::Objects(config) => Self::Objects(overridden(config, overrides)?),
+        };
+        method.check()?;
+        Ok(method)
     }
 
     /// Checks that the values make sense together.
@@ -92,7 +91,15 @@ impl Method {
         match self {
             Self::Lattice(config) => config.check(),
             Self::Network(config) => config.check(),
+            Self::Objects(config) => return config.check(),
+        }?;
+        if self.supervision() == Supervision::Occupancy {
+            return Err(Error::Config(
+                "supervision occupancy is for datasets of many objects; a single scene takes rgb, depth or rgb+depth"
+                    .into(),
+            ));
         }
+        Ok(())
     }
 
     /// The configuration as JSON, for people and for `--config`.
@@ -100,6 +107,7 @@ impl Method {
         match self {
             Self::Lattice(config) => serde_json::to_string_pretty(config),
             Self::Network(config) => serde_json::to_string_pretty(config),
+            Self::Objects(config) => serde_json::to_string_pretty(config),
         }
         .map_err(|e| Error::Config(e.to_string()))
     }

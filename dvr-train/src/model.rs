@@ -42,6 +42,11 @@ impl Model {
                 let skip = SkipGrid::build(surface.as_ref(), UnitCube::default(), SKIP_CELLS);
                 Ok(Self::Network { surface, skip })
             }
+            Method::Objects(_) => Err(Error::Config(
+                "this run learned many objects and needs a picture to know which: use `dvr predict RUN IMAGE`, or \
+                 `dvr eval RUN --data DATASET`"
+                    .into(),
+            )),
             Method::Lattice(_) => {
                 let field = lattice_file::from_bytes(&checkpoint.state.model);
                 let field = field.map_err(|e| Error::Config(format!("the checkpoint's field cannot be read: {e}")))?;

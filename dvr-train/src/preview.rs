@@ -11,16 +11,16 @@ const GAP: u32 = 4;
 /// A sheet with a row a view: input (background whitened by the mask), render, depth, normals; at most `max_width`
 /// pixels a picture. Near is bright in depth; normals are in the camera's frame (x right, y up, z towards the viewer).
 pub fn preview_sheet(shader: &dyn Shader, views: &[&View], max_width: u32) -> RgbImage {
-    let rows: Vec<Vec<RgbImage>> = views
-        .iter()
-        .map(|view| {
-            let camera = limited(&view.camera, max_width);
-            let rendering = render_view(shader, &camera);
-            let input = resize(&whitened(view), camera.width, camera.height, FilterType::Triangle);
-            vec![input, to_rgb8(&rendering.color), depth_picture(&rendering.depth), normal_picture(&rendering, &camera)]
-        })
-        .collect();
-    grid(&rows)
+    let rows: Vec<Vec<RgbImage>> = views.iter().map(|view| preview_row(shader, view, max_width)).collect();
+    sheet(&rows)
+}
+
+/// One row of a [`preview_sheet`].
+pub fn preview_row(shader: &dyn Shader, view: &View, max_width: u32) -> Vec<RgbImage> {
+    let camera = limited(&view.camera, max_width);
+    let rendering = render_view(shader, &camera);
+    let input = resize(&whitened(view), camera.width, camera.height, FilterType::Triangle);
+    vec![input, to_rgb8(&rendering.color), depth_picture(&rendering.depth), normal_picture(&rendering, &camera)]
 }
 
 /// A camera for a picture of at most `max_width` pixels.
@@ -77,18 +77,18 @@ pub fn normal_picture(rendering: &Rendering, camera: &Camera) -> RgbImage {
 }
 
 /// Pictures in rows and columns on white.
-fn grid(rows: &[Vec<RgbImage>]) -> RgbImage {
+pub fn sheet(rows: &[Vec<RgbImage>]) -> RgbImage {
     let width = rows.iter().map(|row| row.iter().map(|p| p.width() + GAP).sum::<u32>() + GAP).max().unwrap_or(1);
     let height = rows.iter().map(|row| row.iter().map(|p| p.height()).max().unwrap_or(0) + GAP).sum::<u32>() + GAP;
-    let mut sheet = RgbImage::from_pixel(width, height, Rgb([255; 3]));
+    let mut paper = RgbImage::from_pixel(width, height, Rgb([255; 3]));
     let mut y = GAP;
     for row in rows {
         let mut x = GAP;
         for picture in row {
-            replace(&mut sheet, picture, i64::from(x), i64::from(y));
+            replace(&mut paper, picture, i64::from(x), i64::from(y));
             x += picture.width() + GAP;
         }
         y += row.iter().map(|p| p.height()).max().unwrap_or(0) + GAP;
     }
-    sheet
+    paper
 }

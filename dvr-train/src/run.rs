@@ -215,13 +215,16 @@ pub fn train(
         Method::Lattice(config) => {
             observer.phase("measuring the masks", 1);
             let mut learner = FastTrainer::new(views, config.clone())?;
-            let pace = Pace { validate_every: 100, checkpoint_every: 500, keep_best: false };
+            let pace = Pace { validate_every: 100, checkpoint_every: 500, best: None };
             carry_out(&mut learner, pace, start, &header, resume_from, options, observer)
+        }
+        Method::Objects(_) => {
+            Err(Error::Config("this method learns from a dataset of objects, not from a scene".into()))
         }
         Method::Network(config) => {
             let mut learner = network(scene, views, config, resume_from.is_some(), options, observer)?;
             let TrainConfig { validate_every, checkpoint_every, .. } = *config;
-            let pace = Pace { validate_every, checkpoint_every, keep_best: true };
+            let pace = Pace { validate_every, checkpoint_every, best: Some(|found| found.psnr) };
             carry_out(&mut learner, pace, start, &header, resume_from, options, observer)
         }
     }
@@ -255,15 +258,17 @@ fn network<'a>(
 
 /// How often a run looks up.
 #[derive(Clone, Copy)]
-struct Pace {
-    validate_every: usize,
-    checkpoint_every: usize,
-    /// Whether the step with the best validation stands for the run, rather than the last.
-    keep_best: bool,
+pub(crate) struct Pace {
+    /// Steps between validations.
+    pub validate_every: usize,
+    /// Steps between checkpoints.
+    pub checkpoint_every: usize,
+    /// The figure by which the best step is chosen to stand for the run; without one, the last step does.
+    pub best: Option<fn(&Best) -> f64>,
 }
 
 /// The loop: steps, validations, checkpoints, until all is done or somebody says stop.
-fn carry_out(
+pub(crate) fn carry_out(
     learner: &mut dyn Learner,
     pace: Pace,
     start: Instant,
@@ -304,10 +309,12 @@ fn carry_out(
         if step % LOG_EVERY == 0 || validate_now {
             log.push(&report, elapsed(), validation.as_ref().filter(|_| validate_now));
         }
-        if let Some(found) = validation.filter(|_| validate_now && pace.keep_best)
-            && best.is_none_or(|best: Best| found.psnr > best.psnr)
+        let found = validation.filter(|_| validate_now);
+        let found = found.map(|found| Best { step, psnr: found.psnr, mask_iou: found.mask_iou });
+        if let (Some(found), Some(figure)) = (found, pace.best)
+            && best.is_none_or(|best| figure(&found) > figure(&best))
         {
-            best = Some(Best { step, psnr: found.psnr });
+            best = Some(found);
             checkpoint(learner, best)?.save(&options.folder.best())?;
         }
         if ending || step % pace.checkpoint_every == 0 {

@@ -8,7 +8,7 @@ use dvr_render::{Field, Rays, SkipGrid};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-use crate::batch::{PixelBatch, PixelSampling};
+use crate::batch::PixelBatch;
 use crate::config::TrainConfig;
 use crate::error::{Error, Result};
 use crate::objective::{StepNoise, sparse_depth_loss, step_loss};
@@ -78,7 +78,7 @@ pub struct Trainer<'a, F> {
 }
 
 /// The optimiser of the original: Adam with the usual moments.
-fn adam() -> ModuleOptimizer {
+pub(crate) fn adam() -> ModuleOptimizer {
     AdamConfig::new().with_epsilon(1e-8).init()
 }
 
@@ -142,9 +142,7 @@ impl<'a, F: Field + Module> Trainer<'a, F> {
     pub fn step(&mut self) -> Result<StepReport> {
         let config = &self.config;
         let mut rng = step_rng(config.seed, self.step as u64 + 1);
-        let sampling =
-            PixelSampling { rays: config.rays, patch_size: config.patch_size, object_share: config.object_share };
-        let batch = PixelBatch::draw(&self.views.train, sampling, self.bound.as_ref(), &mut rng, &self.device);
+        let batch = PixelBatch::draw(&self.views.train, config.sampling(), self.bound.as_ref(), &mut rng, &self.device);
         let noise = StepNoise::draw(config, batch.len(), &mut rng);
         let frozen = self.field.valid();
         let mut loss = step_loss(&self.field, &frozen, &batch, &noise, config, self.step);

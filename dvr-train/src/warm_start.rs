@@ -8,7 +8,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use burn::module::Module;
 use burn::optim::{AdamConfig, GradientsParams};
-use burn::tensor::activation::softplus;
 use burn::tensor::{Device, Tensor, TensorData};
 use dvr_core::hull::{Bounds, HullSettings, VisualHull};
 use dvr_core::{UnitCube, View};
@@ -18,6 +17,7 @@ use rand::Rng;
 
 use crate::config::TrainConfig;
 use crate::error::Result;
+use crate::losses;
 use crate::trainer::step_rng;
 
 /// Half of the points lie in the whole cube, half beside a hull voxel, where the surface is.
@@ -44,7 +44,7 @@ pub fn warm_start<F: Field + Module>(
     let reach = 4.0 * 2.0 * half / settings.resolution as f32;
     for step in 0..settings.warm_start_steps {
         let mut points = Vec::with_capacity(3 * settings.warm_start_points);
-        let mut wanted_sign = Vec::with_capacity(settings.warm_start_points);
+        let mut sign = Vec::with_capacity(settings.warm_start_points);
         for _ in 0..settings.warm_start_points {
             let noise = Vec3::new(rng.random(), rng.random(), rng.random()) * 2.0 - 1.0;
             let point = if rng.random_bool(SHARE_NEAR) {
@@ -53,13 +53,12 @@ pub fn warm_start<F: Field + Module>(
                 noise * half
             };
             points.extend(point.to_array());
-            wanted_sign.push(if hull.contains(point.as_dvec3()) { -1.0f32 } else { 1.0 });
+            sign.push(if hull.contains(point.as_dvec3()) { 1.0f32 } else { -1.0 });
         }
         let n = settings.warm_start_points;
         let query = Query::new(Tensor::from_data(TensorData::new(points, [n, 3]), &device.clone().autodiff()));
-        let sign = Tensor::<1>::from_data(TensorData::new(wanted_sign, [n]), &device.clone().autodiff());
-        // softplus(-f) where inside is wanted, softplus(f) where outside is: binary cross entropy on logits.
-        let loss = softplus(field.occupancy_logit(&query) * sign, 1.0).mean();
+        let sign = Tensor::<1>::from_data(TensorData::new(sign, [n]), &device.clone().autodiff());
+        let loss = losses::known_occupancy(field.occupancy_logit(&query), sign) / n as f64;
         let gradients = GradientsParams::from_grads(loss.backward(), &field);
         field = optimizer.step(config.learning_rate, field, gradients);
         progress(step + 1);

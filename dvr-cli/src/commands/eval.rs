@@ -1,5 +1,6 @@
 //! `dvr eval`: figures of a run or a mesh.
 
+use std::path::Path;
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
@@ -8,12 +9,12 @@ use dvr_core::mesh::{Mesh, read_mesh};
 use dvr_core::{Scene, View};
 use dvr_render::{MeshShader, Shader};
 use dvr_train::{
-    Error, FastConfig, Model, Observer, ShapeEvaluation, Supervision, ViewEvaluation, ViewSplit, evaluate_shape,
-    evaluate_views, judging_views, object_mesh, surface_points,
+    Checkpoint, Error, FastConfig, Method, Model, Observer, ShapeEvaluation, Supervision, ViewEvaluation, ViewSplit,
+    evaluate_shape, evaluate_views, judging_views, object_mesh, surface_points,
 };
 use serde::Serialize;
 
-use super::{load_run, mesh_options, scene_of_run};
+use super::{SCENE_RESOLUTION, eval_objects, load_run, mesh_options, scene_of_run};
 use crate::args::EvalArgs;
 use crate::progress::Progress;
 
@@ -27,8 +28,19 @@ struct Report {
 
 /// Measures and prints.
 pub fn run(args: &EvalArgs) -> Result<ExitCode> {
-    let is_mesh = args.subject.is_file() && args.subject.extension().is_none_or(|e| e != "ckpt" && e != "dvr");
-    let report = if is_mesh { of_mesh(args)? } else { of_run(args)? };
+    let Some(subject) = &args.subject else { return eval_objects::without_run(args) };
+    let is_mesh = subject.is_file() && subject.extension().is_none_or(|e| e != "ckpt" && e != "dvr");
+    let report = if is_mesh {
+        refuse_objects(args)?;
+        of_mesh(args, subject)?
+    } else {
+        let checkpoint = load_run(subject)?;
+        if let Method::Objects(_) = checkpoint.header.method {
+            return eval_objects::of_run(args, subject, &checkpoint);
+        }
+        refuse_objects(args)?;
+        of_run(args, &checkpoint)?
+    };
     print_shape(&report.shape);
     print_views(&report.views);
     if report.shape == (ShapeEvaluation { surface: None, floor: None, volume_iou: None }) && report.views.is_empty() {
@@ -44,10 +56,22 @@ pub fn run(args: &EvalArgs) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-fn of_mesh(args: &EvalArgs) -> Result<Report> {
+/// Refuses what has a meaning for datasets of objects only.
+fn refuse_objects(args: &EvalArgs) -> Result<()> {
+    let objects = &args.objects;
+    if objects.split.is_some() || objects.shard.is_some() || objects.out.is_some() || objects.object_views > 0 {
+        bail!(
+            "--split, --out, --shard and --object-views are for models of many objects, and this is a single scene's; its \
+             figures go to --json FILE"
+        );
+    }
+    Ok(())
+}
+
+fn of_mesh(args: &EvalArgs, mesh: &Path) -> Result<Report> {
     let data = args.data.as_ref().context("a mesh is measured against a scene: give it with --data")?;
     let scene = read_scene(data, &args.reading.read_options())?;
-    let mesh = read_mesh(&args.subject)?.mesh.transformed(&scene.object_to_world.inverse());
+    let mesh = read_mesh(mesh)?.mesh.transformed(&scene.object_to_world.inverse());
     let shape = evaluate_shape(&mesh, &scene.ground_truth, args.seed)?;
     let hold_out_every = FastConfig::new(Supervision::default()).hold_out_every;
     let judges = judging_views(&scene, &ViewSplit::new(&scene, hold_out_every)?);
@@ -55,13 +79,12 @@ fn of_mesh(args: &EvalArgs) -> Result<Report> {
     Ok(Report { scene: scene.name, shape, views })
 }
 
-fn of_run(args: &EvalArgs) -> Result<Report> {
-    let checkpoint = load_run(&args.subject)?;
-    let scene: Scene = scene_of_run(&checkpoint, args.data.as_ref())?;
-    let model = Model::load(&checkpoint, &args.backend.backend.device())?;
+fn of_run(args: &EvalArgs, checkpoint: &Checkpoint) -> Result<Report> {
+    let scene: Scene = scene_of_run(checkpoint, args.data.as_ref())?;
+    let model = Model::load(checkpoint, &args.backend.backend.device())?;
     let split = ViewSplit::new(&scene, checkpoint.header.method.hold_out_every())?;
     let seeds = surface_points(model.thorough_shader().as_ref(), &split.train, 2_000);
-    let mesh = match object_mesh(&model, &mesh_options(&args.meshing), &seeds, &[]) {
+    let mesh = match object_mesh(&model, &mesh_options(&args.meshing, SCENE_RESOLUTION), &seeds, &[]) {
         Ok(extracted) => extracted.mesh,
         Err(Error::NoMesh(reason)) => {
             eprintln!("note: {reason}");

@@ -6,7 +6,7 @@ use anyhow::{Result, bail};
 use dvr_core::mesh::write_mesh;
 use dvr_train::{Model, RunFolder, ViewSplit, extraction_warnings, object_mesh, surface_points, world_mesh};
 
-use super::{load_run, mesh_options, print_notes, scene_of_run};
+use super::{SCENE_RESOLUTION, load_run, mesh_options, print_notes, scene_of_run};
 use crate::args::MeshArgs;
 
 /// Rays that look for parts which the coarse grid may miss.
@@ -27,7 +27,7 @@ pub fn run(args: &MeshArgs) -> Result<ExitCode> {
         }
     };
     let seeds = surface_points(model.thorough_shader().as_ref(), &views, SEED_RAYS);
-    let extracted = object_mesh(&model, &mesh_options(&args.meshing), &seeds, &views)?;
+    let extracted = object_mesh(&model, &mesh_options(&args.meshing, SCENE_RESOLUTION), &seeds, &views)?;
     print_notes(&extraction_warnings(&extracted));
     let mesh = if args.object_space {
         extracted.mesh

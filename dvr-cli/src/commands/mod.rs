@@ -2,12 +2,14 @@
 
 pub mod bench;
 pub mod eval;
+mod eval_objects;
 pub mod export;
 pub mod info;
 pub mod mesh;
 pub mod render;
 pub mod synth;
 pub mod train;
+mod train_objects;
 
 use std::path::{Path, PathBuf};
 
@@ -18,6 +20,9 @@ use dvr_render::extract::{Contour, ExtractSettings};
 use dvr_train::{Checkpoint, ColorSource, MeshOptions, RunFolder};
 
 use crate::args::{Colors, ContourName, MeshingArgs};
+
+/// Cells along an edge of a scene's mesh.
+pub const SCENE_RESOLUTION: u32 = 256;
 
 /// The checkpoint of a run's folder, or the checkpoint that is given itself.
 pub fn load_run(path: &Path) -> Result<Checkpoint> {
@@ -34,12 +39,13 @@ pub fn scene_of_run(checkpoint: &Checkpoint, moved: Option<&PathBuf>) -> Result<
     read_scene(path, &options).with_context(|| format!("the run's scene, {}", path.display()))
 }
 
-/// Meshing as the arguments want it.
-pub fn mesh_options(args: &MeshingArgs) -> MeshOptions {
+/// Meshing as the arguments want it, in `resolution` cells an edge where they do not say.
+pub fn mesh_options(args: &MeshingArgs, resolution: u32) -> MeshOptions {
+    let resolution = args.resolution.unwrap_or(resolution);
     // The coarse grid has about 64 cells an edge: fine enough for most parts, a 64th of the cost of 256.
-    let upsampling_steps = (args.resolution / 64).max(1).ilog2() as usize;
+    let upsampling_steps = (resolution / 64).max(1).ilog2() as usize;
     let extraction = ExtractSettings {
-        resolution: args.resolution as usize,
+        resolution: resolution as usize,
         upsampling_steps,
         contour: match args.contour {
             ContourName::MarchingCubes => Contour::MarchingCubes,

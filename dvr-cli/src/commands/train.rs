@@ -5,86 +5,129 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::{Context, Result, bail};
 use cpu_time::ProcessTime;
-use dvr_core::dataset::read_scene;
+use dvr_core::dataset::{Format, is_object_dataset, read_scene};
 use dvr_core::{Scene, Split};
 use dvr_train::{
-    Agreement, Capacity, Checkpoint, FastConfig, Method, RunFolder, RunMetrics, RunOptions, Stop, Supervision,
-    TrainConfig, ViewSplit, finish, train,
+    Agreement, Capacity, Checkpoint, FastConfig, Method, ObjectsConfig, RunFolder, RunMetrics, RunOptions, Stop,
+    Supervision, TrainConfig, Trained, ViewSplit, finish, train,
 };
 
-use super::{mesh_options, print_notes, scene_of_run};
+use super::{SCENE_RESOLUTION, mesh_options, print_notes, scene_of_run, train_objects};
 use crate::EXIT_INTERRUPTED;
 use crate::args::{CapacityArg, MethodName, TrainArgs};
 use crate::commands::eval::print_shape;
 use crate::progress::Progress;
 
 /// Set by Ctrl-C.
-static INTERRUPTED: AtomicBool = AtomicBool::new(false);
+pub(super) static INTERRUPTED: AtomicBool = AtomicBool::new(false);
 
-/// Trains, then writes mesh, preview and figures.
+/// Reconstructs a scene, or learns from a dataset, as the path and the arguments say.
 pub fn run(args: &TrainArgs) -> Result<ExitCode> {
+    let dataset = match &args.scene {
+        Some(path) if args.reading.format.is_none_or(|format| format == Format::Dvr) => is_object_dataset(path)?,
+        _ => false,
+    };
     if args.print_config {
-        println!("{}", configuration(args)?.to_json()?);
+        println!("{}", configuration(args, dataset)?.to_json()?);
         return Ok(ExitCode::SUCCESS);
     }
     let Some(out) = &args.out else { bail!("no output folder was given: add --out DIR") };
     let folder = RunFolder::new(out);
     let resumed = args.resume.then(|| Checkpoint::load(&folder.last())).transpose()?;
-    let (scene, config, reading) = match &resumed {
-        Some(checkpoint) => {
-            let scene = scene_of_run(checkpoint, args.scene.as_ref())?;
-            (scene, checkpoint.header.method.clone(), checkpoint.header.reading.clone())
-        }
+    let method = match &resumed {
+        Some(checkpoint) => checkpoint.header.method.clone(),
+        None => configuration(args, dataset)?,
+    };
+    match method {
+        Method::Objects(config) => train_objects::run(args, &folder, config, resumed.as_ref()),
+        method => train_scene(args, &folder, method, resumed.as_ref()),
+    }
+}
+
+/// Trains, then writes mesh, preview and figures.
+fn train_scene(args: &TrainArgs, folder: &RunFolder, config: Method, resumed: Option<&Checkpoint>) -> Result<ExitCode> {
+    let (scene, reading) = match resumed {
+        Some(checkpoint) => (scene_of_run(checkpoint, args.scene.as_ref())?, checkpoint.header.reading.clone()),
         None => {
             let Some(path) = &args.scene else { bail!("no scene was given") };
-            let config = configuration(args)?;
             let options = args.reading.read_options();
-            (read_scene(path, &options)?, config, serde_json::to_value(options)?)
+            (read_scene(path, &options)?, serde_json::to_value(options)?)
         }
     };
     check_supervision(&scene, &config)?;
     describe(&scene, &config)?;
-    prepare(&folder, args, &config)?;
-    interrupt_on_ctrl_c()?;
-
+    prepare(folder, args, &config)?;
     let device = args.backend.backend.device();
-    let options = RunOptions {
-        folder: folder.clone(),
-        device: device.clone(),
-        reading,
-        time_limit: args.time,
-        interrupted: &INTERRUPTED,
-    };
+    let options = run_options(args, folder, reading)?;
     let mut progress = Progress::new();
     let cpu = ProcessTime::now();
-    let trained = train(&scene, config, resumed.as_ref(), &options, &mut progress)?;
+    let trained = train(&scene, config, resumed, &options, &mut progress)?;
     let cpu_seconds = cpu.elapsed().as_secs_f64();
     if trained.stop == Stop::Interrupted {
-        eprintln!(
-            "stopped after step {}; everything is saved. Continue with: dvr train --resume --out {}",
-            trained.steps,
-            out.display()
-        );
-        return Ok(ExitCode::from(EXIT_INTERRUPTED));
+        return Ok(interrupted(&trained, folder));
     }
-    let metrics = finish(&scene, &trained.checkpoint, &folder, &mesh_options(&args.meshing), &device, &mut progress)?;
-    report(&metrics, &folder, trained.seconds, cpu_seconds);
+    let metrics = finish(
+        &scene,
+        &trained.checkpoint,
+        folder,
+        &mesh_options(&args.meshing, SCENE_RESOLUTION),
+        &device,
+        &mut progress,
+    )?;
+    report(&metrics, folder, trained.seconds, cpu_seconds);
     if metrics.mesh.is_none() {
         bail!("there is no mesh: the field has no surface. Check masks and cameras with `dvr info`");
     }
     Ok(ExitCode::SUCCESS)
 }
 
+/// How a run is carried out; from here on, Ctrl-C saves.
+pub(super) fn run_options(
+    args: &TrainArgs,
+    folder: &RunFolder,
+    reading: serde_json::Value,
+) -> Result<RunOptions<'static>> {
+    interrupt_on_ctrl_c()?;
+    Ok(RunOptions {
+        folder: folder.clone(),
+        device: args.backend.backend.device(),
+        reading,
+        time_limit: args.time,
+        interrupted: &INTERRUPTED,
+    })
+}
+
+/// What to say, and to exit with, after Ctrl-C.
+pub(super) fn interrupted(trained: &Trained, folder: &RunFolder) -> ExitCode {
+    eprintln!(
+        "stopped after step {}; everything is saved. Continue with: dvr train --resume --out {}",
+        trained.steps,
+        folder.root().display()
+    );
+    ExitCode::from(EXIT_INTERRUPTED)
+}
+
 /// The method and configuration that the arguments ask for.
-fn configuration(args: &TrainArgs) -> Result<Method> {
+fn configuration(args: &TrainArgs, dataset: bool) -> Result<Method> {
     let supervision = args.supervision.unwrap_or_default();
-    let mut config = match args.method {
-        MethodName::Fast => Method::Lattice(fast_configuration(args, supervision)),
-        MethodName::Hull => Method::Lattice(FastConfig::hull()),
-        MethodName::Network => Method::Network(TrainConfig::new(supervision)),
-        MethodName::Classic => Method::Network(TrainConfig::classic(supervision)),
+    let mut config = match (dataset, args.method) {
+        (false, None | Some(MethodName::Fast)) => Method::Lattice(fast_configuration(args, supervision)),
+        (false, Some(MethodName::Hull)) => Method::Lattice(FastConfig::hull()),
+        (false, Some(MethodName::Network)) => Method::Network(TrainConfig::new(supervision)),
+        (false, Some(MethodName::Classic)) => Method::Network(TrainConfig::classic(supervision)),
+        (true, None | Some(MethodName::Network)) => Method::Objects(ObjectsConfig::new(supervision)),
+        (true, Some(MethodName::Classic)) => Method::Objects(ObjectsConfig::classic(supervision)),
+        (true, Some(MethodName::Fast | MethodName::Hull)) => {
+            bail!(
+                "a dataset of many objects takes --method network or classic; fast and hull reconstruct one scene each"
+            )
+        }
     };
-    if args.method != MethodName::Fast && (args.capacity.is_some() || args.max_bytes.is_some()) {
+    if !dataset && (!args.objects.categories.is_empty() || args.objects.inputs.is_some()) {
+        bail!("--categories and --inputs are for datasets of many objects, and this is a single scene");
+    }
+    let is_fast = !dataset && args.method.is_none_or(|method| method == MethodName::Fast);
+    if !is_fast && (args.capacity.is_some() || args.max_bytes.is_some()) {
         bail!("--capacity and --max-bytes belong to --method fast");
     }
     if let Some(path) = &args.config {
@@ -96,7 +139,7 @@ fn configuration(args: &TrainArgs) -> Result<Method> {
     let mut overrides = serde_json::json!({});
     for assignment in &args.set {
         let Some((key, value)) = assignment.split_once('=') else {
-            bail!("--set {assignment}: write KEY=VALUE, e.g. --set losses.roughness=1");
+            bail!("--set {assignment}: write KEY=VALUE, e.g. --set rays=512");
         };
         // What is no JSON is taken as a string, so that `--set occupancy_point=random` needs no quotes.
         let value = serde_json::from_str(value).unwrap_or_else(|_| serde_json::Value::String(value.to_owned()));
@@ -147,7 +190,7 @@ fn check_supervision(scene: &Scene, method: &Method) -> Result<()> {
 }
 
 /// Makes the run's folder and writes the configuration into it.
-fn prepare(folder: &RunFolder, args: &TrainArgs, method: &Method) -> Result<()> {
+pub(super) fn prepare(folder: &RunFolder, args: &TrainArgs, method: &Method) -> Result<()> {
     if args.resume {
         return Ok(());
     }
@@ -180,7 +223,7 @@ fn describe(scene: &Scene, method: &Method) -> Result<()> {
 }
 
 /// The first Ctrl-C asks for a clean stop, the second ends the program.
-fn interrupt_on_ctrl_c() -> Result<()> {
+pub(super) fn interrupt_on_ctrl_c() -> Result<()> {
     ctrlc::set_handler(|| {
         if INTERRUPTED.swap(true, Ordering::Relaxed) {
             std::process::exit(i32::from(EXIT_INTERRUPTED));

@@ -33,16 +33,51 @@ pub(super) fn cameras_file(object: &Path) -> Option<PathBuf> {
 /// Finds the views of an object, given its folder, or that of a category or dataset with a single object.
 pub(super) fn find(path: &Path, options: &ReadOptions) -> Result<Found> {
     let root = object_folder(path)?;
-    let image_folder = image_folder(&root)?;
-    let cameras = cameras_file(&root).unwrap_or_else(|| root.join("cameras.npz"));
+    let ObjectViews { views, indices, cameras, object_to_world, mut warnings } =
+        find_views(&root, options.visual_hull_depth)?;
+    let files_to_world = Similarity::from_matrix(&object_to_world).map_err(|error| match error {
+        Error::Scene { problem, remedy } => Error::format(&cameras, problem, remedy),
+        other => other,
+    })?;
+    let sparse_points = read_sparse_points(&root, &files_to_world, &indices, &mut warnings)?;
+    let ground_truth = read_ground_truth(&root)?;
+    Ok(Found {
+        format: "DVR",
+        root,
+        cameras,
+        views,
+        files_to_world,
+        place: Place::UnitCube,
+        sparse_points,
+        ground_truth,
+        warnings,
+    })
+}
+
+/// The views of one object, before any pixel is read.
+pub(super) struct ObjectViews {
+    pub views: Vec<FoundView>,
+    /// The number of each view's camera.
+    pub indices: Vec<u64>,
+    /// The file with the cameras.
+    pub cameras: PathBuf,
+    /// The first view's `scale_mat`.
+    pub object_to_world: DMat4,
+    pub warnings: Vec<String>,
+}
+
+/// Finds the views of the object in the folder `root`.
+pub(super) fn find_views(root: &Path, visual_hull_depth: bool) -> Result<ObjectViews> {
+    let image_folder = image_folder(root)?;
+    let cameras = cameras_file(root).unwrap_or_else(|| root.join("cameras.npz"));
     let images = list_files(&image_folder, pictures())?;
     let relative: Vec<PathBuf> = images.iter().filter_map(|path| path.file_name()).map(PathBuf::from).collect();
     let names = view_names(&relative, &image_folder)?;
     let mut npz = NpzFile::open(&cameras)?;
     let indices = camera_indices(&relative, &numbers_of(&npz, "camera_mat"), &cameras)?;
-    let masks = find_masks(&root, &relative)?;
+    let masks = find_masks(root, &relative)?;
     let mut warnings = Vec::new();
-    let depths = find_depth(&root, &relative, options.visual_hull_depth, &mut warnings)?;
+    let depths = find_depth(root, &relative, visual_hull_depth, &mut warnings)?;
 
     let mut object_to_world = None;
     let mut views = Vec::with_capacity(images.len());
@@ -57,23 +92,12 @@ pub(super) fn find(path: &Path, options: &ReadOptions) -> Result<Found> {
         views.push(FoundView { name, image, mask, depth, projection, split: Split::Train });
     }
     let object_to_world = object_to_world.unwrap_or(DMat4::IDENTITY);
-    let files_to_world = Similarity::from_matrix(&object_to_world).map_err(|error| match error {
-        Error::Scene { problem, remedy } => Error::format(&cameras, problem, remedy),
-        other => other,
-    })?;
-    let sparse_points = read_sparse_points(&root, &files_to_world, &indices, &mut warnings)?;
-    let ground_truth = GroundTruth { surface: read_surface(&root)?, occupancy: read_occupancy(&root)? };
-    Ok(Found {
-        format: "DVR",
-        root,
-        cameras,
-        views,
-        files_to_world,
-        place: Place::UnitCube,
-        sparse_points,
-        ground_truth,
-        warnings,
-    })
+    Ok(ObjectViews { views, indices, cameras, object_to_world, warnings })
+}
+
+/// The true shape of the object in the folder `root`, as far as it is there.
+pub(super) fn read_ground_truth(root: &Path) -> Result<GroundTruth> {
+    Ok(GroundTruth { surface: read_surface(root)?, occupancy: read_occupancy(root)? })
 }
 
 pub(super) fn image_folder(root: &Path) -> Result<PathBuf> {
@@ -201,7 +225,8 @@ fn read_surface(root: &Path) -> Result<Option<PointCloud>> {
     Ok(Some(PointCloud { points, normals, colors: None }))
 }
 
-fn read_occupancy(root: &Path) -> Result<Option<OccupancySamples>> {
+/// Points of the padded cube and whether they are inside the object: `points.npz`, where it is there.
+pub(super) fn read_occupancy(root: &Path) -> Result<Option<OccupancySamples>> {
     let path = root.join("points.npz");
     if !path.is_file() {
         return Ok(None);

@@ -1,5 +1,7 @@
 //! From files to pixels: pictures, masks, depth maps and cameras of all views, side by side.
 
+use std::path::Path;
+
 use glam::{DMat3, DVec3};
 use image::imageops;
 use rayon::prelude::*;
@@ -76,7 +78,7 @@ pub(super) fn load_views(found: &mut Found, options: &ReadOptions) -> Result<Vec
     };
     let mirrored = |view: &FoundView| center.is_some_and(|center| view.projection.mirrors(center));
     let loaded: Vec<Result<View>> =
-        found.views.par_iter().map(|view| load_view(view, mirrored(view), found, options)).collect();
+        found.views.par_iter().map(|view| load_view(view, mirrored(view), &found.cameras, options)).collect();
     let n_mirrored = found.views.iter().filter(|view| mirrored(view)).count();
     if n_mirrored > 0 {
         found.warnings.push(format!(
@@ -87,7 +89,11 @@ pub(super) fn load_views(found: &mut Found, options: &ReadOptions) -> Result<Vec
     loaded.into_iter().collect()
 }
 
-fn load_view(view: &FoundView, mirrored: bool, found: &Found, options: &ReadOptions) -> Result<View> {
+/// Reads one view, in the files' space, with depth in its units; `cameras` is the file to name where its camera is unusable.
+///
+/// # Errors
+/// As [`load_views`].
+pub(super) fn load_view(view: &FoundView, mirrored: bool, cameras: &Path, options: &ReadOptions) -> Result<View> {
     let Photo { mut image, mut alpha } = read_photo(&view.image)?;
     let (width, height) = image.dimensions();
     let mut mask = match (options.background, &view.mask, &alpha) {
@@ -97,7 +103,7 @@ fn load_view(view: &FoundView, mirrored: bool, found: &Found, options: &ReadOpti
         (None, None, None) => return Err(no_mask(&view.image)),
     };
     let mut depth = view.depth.as_ref().map(|path| read_depth_exr(path)).transpose()?;
-    let same_size = |path: &std::path::Path, what: &str, size: (u32, u32)| {
+    let same_size = |path: &Path, what: &str, size: (u32, u32)| {
         if size == (width, height) {
             return Ok(());
         }
@@ -120,9 +126,7 @@ fn load_view(view: &FoundView, mirrored: bool, found: &Found, options: &ReadOpti
         projection = flip_projection(projection, width);
     }
     let mut camera = projection.camera(width, height).map_err(|error| match error {
-        Error::Scene { problem, remedy } => {
-            Error::format(&found.cameras, format!("view `{}`: {problem}", view.name), remedy)
-        }
+        Error::Scene { problem, remedy } => Error::format(cameras, format!("view `{}`: {problem}", view.name), remedy),
         other => other,
     })?;
     // The files' depth is the third coordinate of their projection, in units of its third row.

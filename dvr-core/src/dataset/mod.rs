@@ -19,10 +19,12 @@ mod downscale;
 mod dvr;
 mod found;
 mod idr;
+mod input_picture;
 mod load;
 mod masks;
 mod matrices;
 mod middlebury;
+mod object_dataset;
 mod objects;
 mod options;
 mod pairing;
@@ -31,8 +33,10 @@ mod transforms;
 
 use std::path::Path;
 
+pub use input_picture::input_picture;
 pub use masks::mask_from_background;
-pub use objects::{ObjectRef, list_objects};
+pub use object_dataset::{ObjectDataset, ObjectOptions};
+pub use objects::{ObjectRef, is_object_dataset, list_objects};
 pub use options::{Background, BackgroundColor, Format, Normalise, ReadOptions};
 
 use crate::error::{Error, Result};

@@ -156,7 +156,7 @@ impl FastConfig {
     /// The defaults for a kind of supervision.
     pub fn new(supervision: Supervision) -> Self {
         let losses = match supervision {
-            Supervision::Rgb => FastLosses::default(),
+            Supervision::Rgb | Supervision::Occupancy => FastLosses::default(),
             // The surface is the depth maps' business alone.
             Supervision::Depth => FastLosses {
                 color: 0.0,

@@ -4,6 +4,7 @@ mod bad_input;
 mod colmap_models;
 mod fixtures;
 mod formats;
+mod object_datasets;
 mod options;
 mod shared;
 

@@ -1,0 +1,110 @@
+//! `dvr train` on a dataset of many objects.
+
+use std::process::ExitCode;
+use std::sync::Arc;
+
+use anyhow::{Context, Result, bail};
+use cpu_time::ProcessTime;
+use dvr_core::Split;
+use dvr_core::dataset::{ObjectDataset, ObjectOptions, ReadOptions};
+use dvr_train::{
+    Checkpoint, Method, ObjectsConfig, ObjectsMetrics, RunFolder, Stop, Trained, finish_objects, train_objects,
+};
+
+use super::train::{interrupted, prepare, run_options};
+use crate::args::{SceneArgs, TrainArgs};
+use crate::progress::Progress;
+
+/// Trains, then writes preview and figures.
+pub fn run(
+    args: &TrainArgs,
+    folder: &RunFolder,
+    config: ObjectsConfig,
+    resumed: Option<&Checkpoint>,
+) -> Result<ExitCode> {
+    let (root, options) = match resumed {
+        Some(checkpoint) => {
+            let path = args.scene.clone().unwrap_or_else(|| checkpoint.header.scene.clone());
+            (path, options_of_run(checkpoint)?)
+        }
+        None => {
+            let Some(path) = args.scene.clone() else { bail!("no dataset was given") };
+            refuse_scene_options(&args.reading)?;
+            (path, args.objects.options(&args.reading))
+        }
+    };
+    let dataset = Arc::new(ObjectDataset::open(&root, options.clone())?);
+    describe(&dataset, &config);
+    prepare(folder, args, &Method::Objects(config.clone()))?;
+    let options = run_options(args, folder, serde_json::to_value(options)?)?;
+    let mut progress = Progress::new();
+    let cpu = ProcessTime::now();
+    let result = train_objects(&dataset, config, resumed, &options, &mut progress)?;
+    let cpu_seconds = cpu.elapsed().as_secs_f64();
+    if result.trained.stop == Stop::Interrupted {
+        return Ok(interrupted(&result.trained, folder));
+    }
+    let metrics = finish_objects(&dataset, &result, folder, &options.device, &mut progress)?;
+    report(&metrics, &result.trained, folder, cpu_seconds);
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Refuses what has a meaning for a single scene only.
+fn refuse_scene_options(reading: &SceneArgs) -> Result<()> {
+    let given = reading.read_options();
+    let shared =
+        ReadOptions { format: given.format, visual_hull_depth: given.visual_hull_depth, ..ReadOptions::default() };
+    if given != shared {
+        bail!(
+            "--downscale, --background, --views, --ignore and --normalise are for single scenes; objects of a dataset are \
+             read as they are"
+        );
+    }
+    Ok(())
+}
+
+/// How the dataset of a run was read.
+pub fn options_of_run(checkpoint: &Checkpoint) -> Result<ObjectOptions> {
+    let reading = checkpoint.header.reading.clone();
+    serde_json::from_value(reading).context("the checkpoint does not say how its dataset was read")
+}
+
+/// What is about to happen.
+fn describe(dataset: &ObjectDataset, config: &ObjectsConfig) {
+    let count = |split| dataset.of_split(split).len();
+    let mut categories: Vec<&str> = dataset.objects().iter().map(|object| object.category.as_str()).collect();
+    categories.sort_unstable();
+    categories.dedup();
+    eprintln!(
+        "{}: a dataset of many objects, so one model learns them all: {} to train on, {} to validate, {} for testing, in {} \
+         categories; supervision {}{}",
+        dataset.root().display(),
+        count(Split::Train),
+        count(Split::Val),
+        count(Split::Test),
+        categories.len(),
+        config.train.supervision,
+        if config.one_view { ", one view of each object" } else { "" },
+    );
+}
+
+/// The results, for people.
+fn report(metrics: &ObjectsMetrics, trained: &Trained, folder: &RunFolder, cpu_seconds: f64) {
+    println!(
+        "trained {} steps in {:.1} s ({cpu_seconds:.1} CPU s), seed {}; {} objects, {} parameters",
+        trained.steps, trained.seconds, metrics.seed, metrics.objects, metrics.parameters
+    );
+    if let Some(best) = metrics.validation {
+        println!(
+            "validation objects: silhouette IoU {:.3}, PSNR {:.2} dB at step {}, which stands for the run",
+            best.mask_iou, best.psnr, best.step
+        );
+    }
+    if !metrics.broken.is_empty() {
+        println!("{} object(s) could not be used and were left out; metrics.json names them", metrics.broken.len());
+    }
+    for path in [folder.preview(), folder.metrics_json()].iter().filter(|path| path.exists()) {
+        println!("wrote {}", path.display());
+    }
+    println!("next: dvr eval {} --split test", folder.root().display());
+}

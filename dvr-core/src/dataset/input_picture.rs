@@ -1,0 +1,72 @@
+//! The picture that an image encoder sees: the object on white, square, of the encoder's size.
+
+use image::imageops::{FilterType, overlay, resize};
+use image::{Rgb, RgbImage};
+
+use crate::files::Photo;
+use crate::raster::Mask;
+
+/// Puts the object on white by its alpha channel, or else by `mask`, pads to a square with white, and scales to `size` pixels.
+///
+/// Every picture that is given to an encoder goes through here, in training and in prediction alike. A mask of another
+/// size than the picture is left out.
+pub fn input_picture(photo: &Photo, mask: Option<&Mask>, size: u32) -> RgbImage {
+    let mut image = photo.image.clone();
+    let coverage = photo.alpha.as_ref().or(mask).filter(|mask| mask.size() == image.dimensions());
+    if let Some(mask) = coverage {
+        for (pixel, coverage) in image.pixels_mut().zip(mask.coverage.pixels()) {
+            *pixel = over_white(*pixel, coverage.0[0]);
+        }
+    }
+    let (width, height) = image.dimensions();
+    if width != height {
+        let edge = width.max(height);
+        let mut square = RgbImage::from_pixel(edge, edge, Rgb([255; 3]));
+        overlay(&mut square, &image, i64::from((edge - width) / 2), i64::from((edge - height) / 2));
+        image = square;
+    }
+    if image.width() == size { image } else { resize(&image, size, size, FilterType::Triangle) }
+}
+
+/// A colour that covers `coverage` of 255 of a white pixel.
+fn over_white(color: Rgb<u8>, coverage: u8) -> Rgb<u8> {
+    let share = u32::from(coverage);
+    Rgb(color.0.map(|c| ((u32::from(c) * share + 255 * (255 - share) + 127) / 255) as u8))
+}
+
+#[cfg(test)]
+mod tests {
+    use image::{GrayImage, Luma};
+
+    use super::*;
+
+    fn left_half(width: u32, height: u32) -> Mask {
+        Mask { coverage: GrayImage::from_fn(width, height, |u, _| Luma([if 2 * u < width { 255 } else { 0 }])) }
+    }
+
+    #[test]
+    fn the_object_stands_on_white_in_a_square() {
+        let photo = Photo { image: RgbImage::from_pixel(8, 4, Rgb([10, 20, 30])), alpha: Some(left_half(8, 4)) };
+        let picture = input_picture(&photo, None, 8);
+        assert_eq!(picture.dimensions(), (8, 8));
+        let at = |u, v| picture.get_pixel(u, v).0;
+        assert_eq!([at(0, 0), at(1, 3), at(6, 3), at(1, 7)], [[255; 3], [10, 20, 30], [255; 3], [255; 3]]);
+    }
+
+    #[test]
+    fn alpha_goes_before_the_mask_and_a_mask_of_another_size_is_left_out() {
+        let image = RgbImage::from_pixel(4, 4, Rgb([0; 3]));
+        let empty = Mask { coverage: GrayImage::new(4, 4) };
+        let with_alpha = Photo { image: image.clone(), alpha: Some(left_half(4, 4)) };
+        assert_eq!(input_picture(&with_alpha, Some(&empty), 4).get_pixel(0, 0).0, [0; 3]);
+        let plain = Photo { image, alpha: None };
+        assert_eq!(input_picture(&plain, Some(&empty), 4).get_pixel(0, 0).0, [255; 3]);
+        let other = Mask { coverage: GrayImage::new(5, 5) };
+        assert_eq!(input_picture(&plain, Some(&other), 4).get_pixel(0, 0).0, [0; 3]);
+    }
+
+    #[test]
+    fn coverage_in_between_mixes() {
+        assert_eq!(over_white(Rgb([0, 100, 255]), 128).0, [127, 177, 255]);
+    }
+}

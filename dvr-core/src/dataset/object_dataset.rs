@@ -1,0 +1,281 @@
+//! Datasets of many objects, of which single views are read when they are needed.
+//!
+//! Opening lists the objects. Which files an object has, and its cameras, is found out when it is first asked for, and kept:
+//! about 100 bytes a view, so that the 44 000 objects of ShapeNet with 24 views each take about 100 MB in the end. Pixels are
+//! never kept.
+
+use std::collections::HashSet;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+
+use glam::DVec3;
+use image::RgbImage;
+use serde::{Deserialize, Serialize};
+
+use super::dvr::{IMAGE_FOLDERS, find_views, read_ground_truth, read_occupancy};
+use super::found::{FoundView, Projection};
+use super::input_picture::input_picture;
+use super::load::load_view;
+use super::objects::{ObjectRef, list_objects};
+use super::options::ReadOptions;
+use super::pairing::{list_files, pictures, stem, sub_folder};
+use crate::error::{Error, Result};
+use crate::files::{read_mask, read_photo};
+use crate::points::OccupancySamples;
+use crate::scene::{GroundTruth, Split, View};
+
+/// Folders of pictures that are made for encoders, looked for before those that teach: the 3D-R2N2 renders, as the DVR
+/// dataset and as 3D-R2N2 itself call them.
+const INPUT_FOLDERS: [&str; 2] = ["img_choy2016", "rendering"];
+
+/// How a dataset of objects is read; the default reads all of it.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ObjectOptions {
+    /// The categories to keep, by folder or by their name in `metadata.yaml`; empty keeps all.
+    pub categories: Vec<String>,
+    /// Another dataset that has the pictures for the encoder, under the same names of category and object; `None` where
+    /// they lie with the objects.
+    pub inputs: Option<PathBuf>,
+    /// Take depth from `visual_hull_depth/`, even where there is a `depth/`.
+    pub visual_hull_depth: bool,
+}
+
+/// A dataset of many objects in the DVR layout.
+///
+/// ```no_run
+/// use dvr_core::Split;
+/// use dvr_core::dataset::{ObjectDataset, ObjectOptions};
+///
+/// let dataset = ObjectDataset::open("ShapeNet".as_ref(), ObjectOptions::default())?;
+/// for object in dataset.of_split(Split::Val) {
+///     let picture = dataset.read_input(object, 0, 224)?; // what an encoder sees
+///     let view = dataset.read_view(object, 12)?; // what teaches or judges
+///     println!("{}: {} and {}", dataset.objects()[object].name, picture.width(), view.name);
+/// }
+/// # Ok::<(), dvr_core::Error>(())
+/// ```
+pub struct ObjectDataset {
+    root: PathBuf,
+    options: ObjectOptions,
+    objects: Vec<ObjectRef>,
+    files: Vec<OnceLock<ObjectFiles>>,
+    /// Most objects name their files alike: each way of naming is kept once.
+    names: Mutex<HashSet<Arc<FileNames>>>,
+}
+
+/// What must be known of an object to read any of its views.
+struct ObjectFiles {
+    names: Arc<FileNames>,
+    /// One a view.
+    projections: Box<[Projection]>,
+}
+
+/// The files of an object; paths start at its folder.
+#[derive(PartialEq, Eq, Hash)]
+struct FileNames {
+    views: Vec<ViewNames>,
+    cameras: Box<Path>,
+    /// Pictures for the encoder that are no views.
+    inputs: Option<Vec<Box<Path>>>,
+}
+
+#[derive(PartialEq, Eq, Hash)]
+struct ViewNames {
+    image: Box<Path>,
+    mask: Option<Box<Path>>,
+    depth: Option<Box<Path>>,
+}
+
+impl ObjectDataset {
+    /// Lists the objects of the dataset, or of the single category, in the folder `root`.
+    ///
+    /// # Errors
+    /// As [`list_objects`]; [`Error::Scene`] where there is no object, or a category to keep does not exist.
+    pub fn open(root: &Path, options: ObjectOptions) -> Result<Self> {
+        let mut objects = list_objects(root, None)?;
+        if objects.is_empty() {
+            return Err(Error::scene(
+                format!("{} holds no objects", root.display()),
+                "Give the folder of a dataset: categories, and in these objects with `image` and `cameras.npz`.",
+            ));
+        }
+        keep_categories(&mut objects, &options.categories)?;
+        let files = objects.iter().map(|_| OnceLock::new()).collect();
+        Ok(Self { root: root.to_owned(), options, objects, files, names: Mutex::default() })
+    }
+
+    /// The folder of the dataset.
+    pub fn root(&self) -> &Path {
+        &self.root
+    }
+
+    /// All objects. One that is in two lists is there twice.
+    pub fn objects(&self) -> &[ObjectRef] {
+        &self.objects
+    }
+
+    /// Indices of the objects of one split, in order.
+    pub fn of_split(&self, split: Split) -> Vec<usize> {
+        (0..self.objects.len()).filter(|&object| self.objects[object].split == split).collect()
+    }
+
+    /// How many posed views an object has.
+    ///
+    /// # Errors
+    /// Where the object lacks its pictures or cameras, or these are damaged.
+    pub fn views(&self, object: usize) -> Result<usize> {
+        Ok(self.files(object)?.projections.len())
+    }
+
+    /// How many pictures for the encoder an object has.
+    ///
+    /// # Errors
+    /// As [`ObjectDataset::views`].
+    pub fn inputs(&self, object: usize) -> Result<usize> {
+        let files = self.files(object)?;
+        Ok(files.names.inputs.as_ref().map_or(files.names.views.len(), Vec::len))
+    }
+
+    /// Reads one view, in object space.
+    ///
+    /// # Errors
+    /// Where one of its files is missing or damaged, sizes differ, or the camera is unusable.
+    pub fn read_view(&self, object: usize, view: usize) -> Result<View> {
+        let files = self.files(object)?;
+        let names = &files.names.views[view];
+        let root = &self.objects[object].path;
+        let full = |path: &Path| root.join(path);
+        let projection = files.projections[view];
+        let found = FoundView {
+            name: stem(&names.image),
+            image: full(&names.image),
+            mask: names.mask.as_deref().map(full),
+            depth: names.depth.as_deref().map(full),
+            projection,
+            split: Split::Train,
+        };
+        load_view(&found, projection.mirrors(DVec3::ZERO), &full(&files.names.cameras), &ReadOptions::default())
+    }
+
+    /// Reads a picture for the encoder: the object on white, square, `size` pixels wide.
+    ///
+    /// # Errors
+    /// Where the file, or its mask, is missing or damaged.
+    pub fn read_input(&self, object: usize, input: usize, size: u32) -> Result<RgbImage> {
+        let files = self.files(object)?;
+        let (path, mask) = match &files.names.inputs {
+            Some(inputs) => (self.input_root(object).join(&inputs[input]), None),
+            None => {
+                let names = &files.names.views[input];
+                let root = &self.objects[object].path;
+                (root.join(&names.image), names.mask.as_ref().map(|mask| root.join(mask)))
+            }
+        };
+        let photo = read_photo(&path)?;
+        let mask = mask.filter(|_| photo.alpha.is_none()).map(|mask| read_mask(&mask)).transpose()?;
+        Ok(input_picture(&photo, mask.as_ref(), size))
+    }
+
+    /// Reads the true shape, as far as the object has it.
+    ///
+    /// # Errors
+    /// Where a file is damaged.
+    pub fn read_ground_truth(&self, object: usize) -> Result<GroundTruth> {
+        read_ground_truth(&self.objects[object].path)
+    }
+
+    /// Reads the points of the cube whose occupancy is known; `None` where the object has no `points.npz`.
+    ///
+    /// # Errors
+    /// Where the file is damaged.
+    pub fn read_occupancy(&self, object: usize) -> Result<Option<OccupancySamples>> {
+        read_occupancy(&self.objects[object].path)
+    }
+
+    /// The folder that holds an object's pictures for the encoder.
+    fn input_root(&self, object: usize) -> PathBuf {
+        let object = &self.objects[object];
+        match &self.options.inputs {
+            Some(root) => root.join(&object.category).join(&object.name),
+            None => object.path.clone(),
+        }
+    }
+
+    fn files(&self, object: usize) -> Result<&ObjectFiles> {
+        if let Some(files) = self.files[object].get() {
+            return Ok(files);
+        }
+        let found = self.find_files(object)?;
+        Ok(self.files[object].get_or_init(|| found))
+    }
+
+    fn find_files(&self, object: usize) -> Result<ObjectFiles> {
+        let root = &self.objects[object].path;
+        let found = find_views(root, self.options.visual_hull_depth)?;
+        let inside = |path: &Path, root: &Path| Box::<Path>::from(path.strip_prefix(root).unwrap_or(path));
+        let names_of = |view: &FoundView| ViewNames {
+            image: inside(&view.image, root),
+            mask: view.mask.as_ref().map(|path| inside(path, root)),
+            depth: view.depth.as_ref().map(|path| inside(path, root)),
+        };
+        let input_root = self.input_root(object);
+        let own_folders: &[&str] = if self.options.inputs.is_some() { &IMAGE_FOLDERS } else { &[] };
+        let input_folder = sub_folder(&input_root, &INPUT_FOLDERS).or_else(|| sub_folder(&input_root, own_folders));
+        let inputs = match input_folder {
+            None if self.options.inputs.is_some() => {
+                return Err(Error::format(
+                    &input_root,
+                    "there is no folder of pictures for the encoder",
+                    format!("Looked for {} and {}.", INPUT_FOLDERS.join(", "), IMAGE_FOLDERS.join(", ")),
+                ));
+            }
+            None => None,
+            Some(folder) => {
+                let files = list_files(&folder, pictures())?;
+                if files.is_empty() {
+                    return Err(Error::format(&folder, "there are no pictures", "Put PNG or JPEG files there."));
+                }
+                Some(files.iter().map(|path| inside(path, &input_root)).collect())
+            }
+        };
+        let names = FileNames {
+            views: found.views.iter().map(names_of).collect(),
+            cameras: inside(&found.cameras, root),
+            inputs,
+        };
+        Ok(ObjectFiles {
+            names: self.interned(names),
+            projections: found.views.iter().map(|view| view.projection).collect(),
+        })
+    }
+
+    fn interned(&self, names: FileNames) -> Arc<FileNames> {
+        let mut known = self.names.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(same) = known.get(&names) {
+            return same.clone();
+        }
+        let names = Arc::new(names);
+        known.insert(names.clone());
+        names
+    }
+}
+
+/// Drops the objects of other categories.
+fn keep_categories(objects: &mut Vec<ObjectRef>, categories: &[String]) -> Result<()> {
+    if categories.is_empty() {
+        return Ok(());
+    }
+    let is = |object: &ObjectRef, category: &String| object.category == *category || object.category_name == *category;
+    if let Some(unknown) = categories.iter().find(|category| !objects.iter().any(|object| is(object, category))) {
+        let mut known: Vec<&str> = objects.iter().map(|object| object.category_name.as_str()).collect();
+        known.sort_unstable();
+        known.dedup();
+        return Err(Error::scene(
+            format!("there is no category `{unknown}`"),
+            format!("There are: {}.", known.join(", ")),
+        ));
+    }
+    objects.retain(|object| categories.iter().any(|category| is(object, category)));
+    Ok(())
+}

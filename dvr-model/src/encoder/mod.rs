@@ -1,0 +1,109 @@
+//! From an image, or an object's number, to the latent code that conditions the decoder.
+
+mod codes;
+mod convolutional;
+mod resnet18;
+#[cfg(test)]
+mod tests;
+
+use burn::module::Module;
+use burn::tensor::{Device, Int, Tensor};
+use serde::{Deserialize, Serialize};
+
+pub use codes::Codes;
+pub use convolutional::Convolutional;
+pub use resnet18::{BasicBlock, Resnet18, Resnet18Features};
+
+/// Configuration of an [`Encoder`]; in JSON its `kind` says which, and what is left out has its default.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
+pub enum EncoderConfig {
+    /// The publication's encoder, see [`Resnet18`].
+    Resnet18 {
+        /// Side that images are resized to, pixels.
+        #[serde(default = "image_size")]
+        image_size: usize,
+    },
+    /// A fifth of its cost, see [`Convolutional`].
+    Convolutional {
+        /// Side that images are resized to, pixels.
+        #[serde(default = "image_size")]
+        image_size: usize,
+        /// Channels of the first layer; each further layer has twice as many.
+        #[serde(default = "width")]
+        width: usize,
+    },
+    /// A learned code for each training object and no image, see [`Codes`].
+    Codes {
+        /// How many objects; training fills it in.
+        #[serde(default)]
+        objects: usize,
+    },
+}
+
+/// The side of images that the original and ImageNet's classifiers take.
+fn image_size() -> usize {
+    224
+}
+
+/// Channels of the original's first convolution.
+fn width() -> usize {
+    32
+}
+
+impl Default for EncoderConfig {
+    /// The publication's.
+    fn default() -> Self {
+        Self::Resnet18 { image_size: image_size() }
+    }
+}
+
+impl EncoderConfig {
+    /// Side that images are resized to, pixels; `None` where there are no images.
+    pub fn image_size(&self) -> Option<usize> {
+        match self {
+            Self::Resnet18 { image_size } | Self::Convolutional { image_size, .. } => Some(*image_size),
+            Self::Codes { .. } => None,
+        }
+    }
+
+    /// An encoder with fresh parameters that makes codes of length `code_dim`.
+    pub fn init(&self, code_dim: usize, device: &Device) -> Encoder {
+        match *self {
+            Self::Resnet18 { .. } => Encoder::Resnet18(Resnet18::new(code_dim, device)),
+            Self::Convolutional { width, .. } => Encoder::Convolutional(Convolutional::new(width, code_dim, device)),
+            Self::Codes { objects } => Encoder::Codes(Codes::new(objects, code_dim, device)),
+        }
+    }
+}
+
+/// Makes the latent codes of objects (`c` in DVR, section 3.1).
+#[derive(Module, Debug)]
+#[allow(clippy::large_enum_variant)] // there is one a model, and burn's modules take no box
+pub enum Encoder {
+    /// From an image, by a ResNet-18.
+    Resnet18(Resnet18),
+    /// From an image, by five convolutions.
+    Convolutional(Convolutional),
+    /// From the object's number.
+    Codes(Codes),
+}
+
+impl Encoder {
+    /// Codes `[b, code_dim]` of a batch of objects.
+    ///
+    /// `images` is `[b, 3, height, width]`, sRGB in `[0, 1]`, and `objects` the row of each in the table of codes, `[b]`.
+    /// Each kind looks at one of the two only.
+    pub fn forward(&self, images: Tensor<4>, objects: Tensor<1, Int>) -> Tensor<2> {
+        match self {
+            Self::Resnet18(encoder) => encoder.forward(images),
+            Self::Convolutional(encoder) => encoder.forward(images),
+            Self::Codes(codes) => codes.forward(objects),
+        }
+    }
+}
+
+/// The mean of each channel, `[b, channels, height, width]` to `[b, channels]`.
+fn global_mean(net: Tensor<4>) -> Tensor<2> {
+    net.flatten::<3>(2, 3).mean_dim(2).squeeze_dim(2)
+}

@@ -1,0 +1,152 @@
+//! Everything that determines the training of a model on a dataset of objects.
+
+use dvr_model::{DecoderConfig, EncoderConfig, ImageModelConfig};
+use serde::{Deserialize, Serialize};
+
+use crate::config::{HullUse, MarchStage, Supervision, TrainConfig};
+use crate::error::{Error, Result};
+
+/// Everything that determines a run over many objects, besides the dataset and the backend.
+///
+/// In JSON the keys of [`TrainConfig`] stand beside the others. Of these, `rays` counts the rays of one object in a step,
+/// and `hull` and `hold_out_every` have no meaning: a hull would need all views of an object, and what is held out are
+/// objects.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ObjectsConfig {
+    /// What makes the latent code of an object.
+    pub encoder: EncoderConfig,
+    /// Objects a step.
+    pub objects: usize,
+    /// Views of each object that teach in a step, drawn anew each time.
+    pub views: usize,
+    /// Whether only one view of each object ever teaches, the same in all steps: the publication's single-view supervision.
+    pub one_view: bool,
+    /// Points of each object in a step of `occupancy` supervision.
+    pub points: usize,
+    /// Objects of the validation split that a validation looks at, spread evenly over them.
+    pub validate_objects: usize,
+    /// Decoder, losses, marching, schedule.
+    #[serde(flatten)]
+    pub train: TrainConfig,
+}
+
+impl ObjectsConfig {
+    /// Defaults for a kind of supervision: of a size that two cores can train in a quarter of an hour on some hundred objects.
+    ///
+    /// A ResNet-18 takes four times as long a step as all the rest. Two octaves, not the four of a single scene: without
+    /// a hull to start from, four leave noise in space that no ray has cleared.
+    pub fn new(supervision: Supervision) -> Self {
+        let base = TrainConfig::new(supervision);
+        Self {
+            encoder: EncoderConfig::Convolutional { image_size: 64, width: 32 },
+            objects: 16,
+            views: 1,
+            one_view: false,
+            points: 512,
+            validate_objects: 32,
+            train: TrainConfig {
+                steps: 2500,
+                model: DecoderConfig::new().with_code_dim(128).with_blocks(3).with_octaves(2),
+                hull: no_hull(&base),
+                rays: 64,
+                march: vec![MarchStage { from_percent: 0, samples: 16 }],
+                learning_rate: 1e-3,
+                hold_out_every: 0,
+                validate_every: 250,
+                checkpoint_every: 250,
+                ..base
+            },
+        }
+    }
+
+    /// The publication's setting: ResNet-18 on pictures of 224 pixels, codes of 256, a decoder of width 512, 64 objects of
+    /// 1024 rays a step, and what [`TrainConfig::classic`] says of marching and losses. For comparison, and for large machines.
+    pub fn classic(supervision: Supervision) -> Self {
+        let base = TrainConfig::classic(supervision);
+        let ImageModelConfig { encoder, decoder } = ImageModelConfig::default();
+        Self {
+            encoder,
+            objects: 64,
+            points: 2048,
+            train: TrainConfig {
+                steps: 300_000,
+                model: decoder,
+                hull: no_hull(&base),
+                rays: 1024,
+                learning_rate: 1e-4,
+                hold_out_every: 0,
+                validate_every: 2000,
+                checkpoint_every: 1000,
+                ..base
+            },
+            ..Self::new(supervision)
+        }
+    }
+
+    /// Encoder and decoder together.
+    pub fn image_model(&self) -> ImageModelConfig {
+        ImageModelConfig { encoder: self.encoder.clone(), decoder: self.train.model.clone() }
+    }
+
+    /// Checks that the values make sense together.
+    ///
+    /// # Errors
+    /// Names the key, the value and the range.
+    pub fn check(&self) -> Result<()> {
+        self.train.check()?;
+        self.image_model().check().map_err(|wrong| {
+            // Here the decoder is called `model`, as in the configuration of a single scene.
+            let key = wrong.key.replace("decoder.", "model.");
+            Error::Config(format!("`{key}` is {}, it must be {}", wrong.value, wrong.range))
+        })?;
+        let counts = [("objects", self.objects), ("views", self.views), ("points", self.points)];
+        if let Some((key, _)) = counts.iter().find(|(_, count)| *count == 0) {
+            return Err(Error::Config(format!("`{key}` is 0, it must be at least 1")));
+        }
+        if self.one_view && self.views > 1 {
+            return Err(Error::Config(format!("`views` is {}, with `one_view` it must be 1", self.views)));
+        }
+        Ok(())
+    }
+}
+
+fn no_hull(base: &TrainConfig) -> HullUse {
+    HullUse { warm_start_steps: 0, bound_rays: false, ..base.hull.clone() }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+    use crate::method::Method;
+
+    #[test]
+    fn a_configuration_survives_a_round_trip_and_its_keys_stand_side_by_side() {
+        for config in [ObjectsConfig::new(Supervision::Rgb), ObjectsConfig::classic(Supervision::Depth)] {
+            config.check().unwrap();
+            let value = serde_json::to_value(&config).unwrap();
+            assert!(value.get("rays").is_some() && value.get("encoder").is_some());
+            assert_eq!(serde_json::from_value::<ObjectsConfig>(value).unwrap(), config);
+        }
+    }
+
+    #[test]
+    fn overrides_reach_both_parts_and_nonsense_is_named() {
+        let method = Method::Objects(ObjectsConfig::new(Supervision::Rgb));
+        let changes = json!({"losses": {"normal": 0.2}, "encoder": {"kind": "codes"}, "objects": 3});
+        let Method::Objects(config) = method.overridden(&changes).unwrap() else { panic!("another method") };
+        assert_eq!((config.train.losses.normal, config.objects), (0.2, 3));
+        assert_eq!(config.encoder, EncoderConfig::Codes { objects: 0 });
+        for (wrong, named) in [
+            (json!({"rayz": 3}), "rayz"),
+            (json!({"views": 0}), "views"),
+            (json!({"views": 2, "one_view": true}), "views"),
+            (json!({"model": {"code_dim": 0}}), "model.code_dim"),
+            (json!({"encoder": {"kind": "transformer"}}), "transformer"),
+        ] {
+            let message = method.overridden(&wrong).unwrap_err().to_string();
+            assert!(message.contains(named), "{message}");
+        }
+    }
+}

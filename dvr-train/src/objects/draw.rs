@@ -1,0 +1,241 @@
+//! What a step looks at: which objects, which picture of each goes to the encoder, and what teaches.
+
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use dvr_core::dataset::ObjectDataset;
+use dvr_core::{Split, View};
+use glam::Vec3;
+use image::RgbImage;
+use rand::Rng;
+use rand::seq::SliceRandom;
+use rand_chacha::ChaCha8Rng;
+
+use super::config::ObjectsConfig;
+use crate::batch::Pixels;
+use crate::config::Supervision;
+use crate::error::{Error, Result};
+use crate::objective::StepNoise;
+use crate::trainer::step_rng;
+
+/// The objects of one step and what they show, before it goes to a device.
+#[derive(Clone, Debug)]
+pub(crate) struct ObjectsBatch {
+    /// Place of each object among the training objects.
+    pub rows: Vec<i64>,
+    /// What the encoder sees of each object; empty where it sees nothing.
+    pub inputs: Vec<RgbImage>,
+    /// What teaches.
+    pub lesson: Lesson,
+}
+
+/// What teaches in a step. `owner` is the place of the object in the batch.
+#[derive(Clone, Debug)]
+pub(crate) enum Lesson {
+    /// Pixels of posed views.
+    Pixels { pixels: Pixels, owner: Vec<i64>, noise: StepNoise },
+    /// Points, and whether they are inside.
+    Points { points: Vec<Vec3>, inside: Vec<bool>, owner: Vec<i64> },
+}
+
+/// Draws the batches of a run. Batch `k` depends on the seed, `k` and the files, and on nothing else.
+pub(crate) struct BatchDrawer {
+    dataset: Arc<ObjectDataset>,
+    config: ObjectsConfig,
+    /// The training objects.
+    objects: Vec<usize>,
+    broken: Mutex<BTreeMap<usize, String>>,
+}
+
+/// One object of a batch.
+struct Drawn {
+    row: usize,
+    input: Option<RgbImage>,
+    lesson: DrawnLesson,
+}
+
+enum DrawnLesson {
+    Views(Vec<View>),
+    Points(Vec<(Vec3, bool)>),
+}
+
+/// How many objects, one after the other, may be broken before training gives up.
+const TRIES: usize = 32;
+
+/// The random streams of epochs start here; those of steps, far below, are theirs.
+const FIRST_EPOCH_STREAM: u64 = 1 << 62;
+
+impl BatchDrawer {
+    /// # Errors
+    /// When the dataset has no training objects.
+    pub fn new(dataset: Arc<ObjectDataset>, config: ObjectsConfig) -> Result<Self> {
+        let objects = dataset.of_split(Split::Train);
+        if objects.is_empty() {
+            return Err(dvr_core::Error::scene(
+                format!("{} has no objects to train on", dataset.root().display()),
+                "Name them in `train.lst`, one a line, in the folder of each category.",
+            )
+            .into());
+        }
+        Ok(Self { dataset, config, objects, broken: Mutex::default() })
+    }
+
+    /// How many objects are trained on.
+    pub fn objects(&self) -> usize {
+        self.objects.len()
+    }
+
+    /// The objects that could not be used so far, by their index in the dataset, with the reason.
+    pub fn broken(&self) -> BTreeMap<usize, String> {
+        self.broken.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Draws the batch of a step, counted from 1.
+    ///
+    /// Every epoch goes through all objects in an order of its own. In the place of an object that is broken another
+    /// one is drawn.
+    ///
+    /// # Errors
+    /// When many objects in a row are broken.
+    pub fn draw(&self, step: usize) -> Result<ObjectsBatch> {
+        let mut rng = step_rng(self.config.train.seed, step as u64);
+        let drawn =
+            self.places(step).into_iter().map(|row| self.draw_some(row, &mut rng)).collect::<Result<Vec<_>>>()?;
+        let rows = drawn.iter().map(|object| object.row as i64).collect();
+        let (mut inputs, mut pixels, mut owner) = (Vec::new(), Pixels::default(), Vec::new());
+        let (mut points, mut inside) = (Vec::new(), Vec::new());
+        for (place, object) in drawn.into_iter().enumerate() {
+            inputs.extend(object.input);
+            match object.lesson {
+                DrawnLesson::Views(views) => {
+                    let views: Vec<&View> = views.iter().collect();
+                    pixels.draw(&views, self.config.train.sampling(), &mut rng);
+                    owner.resize(pixels.len(), place as i64);
+                }
+                DrawnLesson::Points(samples) => {
+                    points.extend(samples.iter().map(|(point, _)| *point));
+                    inside.extend(samples.iter().map(|(_, inside)| *inside));
+                    owner.resize(points.len(), place as i64);
+                }
+            }
+        }
+        let lesson = if self.config.train.supervision == Supervision::Occupancy {
+            Lesson::Points { points, inside, owner }
+        } else {
+            let noise = StepNoise::draw(&self.config.train, pixels.len(), &mut rng);
+            Lesson::Pixels { pixels, owner, noise }
+        };
+        Ok(ObjectsBatch { rows, inputs, lesson })
+    }
+
+    /// The training objects of a step, by their place among them.
+    fn places(&self, step: usize) -> Vec<usize> {
+        let count = self.objects.len();
+        let first = (step - 1) * self.config.objects;
+        let (mut epoch, mut order) = (usize::MAX, Vec::new());
+        (first..first + self.config.objects)
+            .map(|place| {
+                if place / count != epoch {
+                    epoch = place / count;
+                    order = (0..count).collect();
+                    order.shuffle(&mut step_rng(self.config.train.seed, FIRST_EPOCH_STREAM + epoch as u64));
+                }
+                order[place % count]
+            })
+            .collect()
+    }
+
+    /// Reads an object, or another one instead of it.
+    fn draw_some(&self, mut row: usize, rng: &mut ChaCha8Rng) -> Result<Drawn> {
+        let mut last = None;
+        for _ in 0..TRIES {
+            // The numbers drawn for an object are a stream of their own: what is read of it does not depend on others.
+            let stream = rng.random();
+            match self.draw_one(row, stream) {
+                Ok(drawn) => return Ok(drawn),
+                Err(problem) => {
+                    let mut broken = self.broken.lock().unwrap_or_else(PoisonError::into_inner);
+                    broken.entry(self.objects[row]).or_insert_with(|| problem.to_string());
+                    last = Some(problem);
+                }
+            }
+            row = rng.random_range(0..self.objects.len());
+        }
+        let reason = last.map_or(String::new(), |problem: Error| problem.to_string());
+        Err(Error::Run {
+            path: self.dataset.root().to_owned(),
+            problem: format!("{TRIES} objects in a row cannot be used; the last: {}", reason.trim_end_matches('.')),
+            remedy: "Check the dataset: one of its objects can be looked at with `dvr info`.".into(),
+        })
+    }
+
+    fn draw_one(&self, row: usize, stream: u64) -> Result<Drawn> {
+        let (dataset, config, object) = (&self.dataset, &self.config, self.objects[row]);
+        let mut rng = step_rng(config.train.seed, stream);
+        let input = match config.encoder.image_size() {
+            None => None,
+            Some(size) => {
+                let input = rng.random_range(0..dataset.inputs(object)?);
+                Some(dataset.read_input(object, input, size as u32)?)
+            }
+        };
+        let lesson = if config.train.supervision == Supervision::Occupancy {
+            DrawnLesson::Points(self.draw_points(object, &mut rng)?)
+        } else {
+            DrawnLesson::Views(self.draw_views(object, &mut rng)?)
+        };
+        Ok(Drawn { row, input, lesson })
+    }
+
+    fn draw_views(&self, object: usize, rng: &mut ChaCha8Rng) -> Result<Vec<View>> {
+        let count = self.dataset.views(object)?;
+        let read = |view: usize| -> Result<View> {
+            let view = self.dataset.read_view(object, view)?;
+            if view.depth.is_none() && self.config.train.losses.depth > 0.0 {
+                let path = &self.dataset.objects()[object].path;
+                let problem = format!("view `{}` has no depth map", view.name);
+                return Err(dvr_core::Error::format(path, problem, "Use --supervision rgb.").into());
+            }
+            Ok(view)
+        };
+        if self.config.one_view {
+            return Ok(vec![read(teaching_view(self.config.train.seed, &self.dataset, object, count))?]);
+        }
+        (0..self.config.views).map(|_| read(rng.random_range(0..count))).collect()
+    }
+
+    fn draw_points(&self, object: usize, rng: &mut ChaCha8Rng) -> Result<Vec<(Vec3, bool)>> {
+        let samples = self.dataset.read_occupancy(object)?.filter(|samples| !samples.points.is_empty());
+        let Some(samples) = samples else {
+            let path = &self.dataset.objects()[object].path;
+            let remedy = "Occupancy supervision needs it in every object; rgb and depth do not.";
+            return Err(dvr_core::Error::format(path, "there is no points.npz, or it is empty", remedy).into());
+        };
+        Ok((0..self.config.points)
+            .map(|_| {
+                let i = rng.random_range(0..samples.points.len());
+                (samples.points[i], samples.inside[i])
+            })
+            .collect())
+    }
+}
+
+/// The one view of an object that teaches with `one_view`: a hash of the seed and the object's name, so that it stays the
+/// same when the dataset grows.
+fn teaching_view(seed: u64, dataset: &ObjectDataset, object: usize, views: usize) -> usize {
+    let object = &dataset.objects()[object];
+    (stable_hash(seed, &[&object.category, &object.name]) % views as u64) as usize
+}
+
+/// A hash of names that is the same on every machine and in every version: FNV-1a, stirred once more (SplitMix64).
+pub(crate) fn stable_hash(seed: u64, names: &[&str]) -> u64 {
+    let bytes = names.iter().flat_map(|name| name.bytes().chain([0]));
+    let hash = seed
+        .to_le_bytes()
+        .into_iter()
+        .chain(bytes)
+        .fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3));
+    let stirred = (hash ^ (hash >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let stirred = (stirred ^ (stirred >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    stirred ^ (stirred >> 31)
+}

@@ -1,0 +1,182 @@
+//! The mean training shape of a category: the baseline that looks at no picture.
+
+use std::collections::BTreeMap;
+
+use dvr_core::dataset::ObjectDataset;
+use dvr_core::mesh::Mesh;
+use dvr_core::{OccupancySamples, Split, UnitCube};
+use dvr_render::extract::{ExtractSettings, extract_mesh};
+use glam::{IVec3, Vec3};
+
+use crate::error::{Error, Result};
+
+/// The most voxels along an edge: 100 000 points of an object give three a voxel.
+const MOST_VOXELS: usize = 32;
+
+/// Points a voxel that an object should have: the objects of a dataset may all be known at the same points.
+const POINTS_A_VOXEL: f64 = 3.0;
+
+/// How often the training objects of each category are inside, over the cube.
+///
+/// An object's occupancies in `points.npz` are averaged in voxels, and these over the objects. The shape is where the
+/// mean exceeds the threshold that gives it the mean volume of the objects: at one half, thin and varied categories
+/// would have no shape at all.
+pub struct MeanShapes {
+    categories: BTreeMap<String, MeanShape>,
+}
+
+/// One category.
+struct MeanShape {
+    /// Voxels along an edge.
+    voxels: usize,
+    /// The mean minus the threshold, `voxels^3`, x fastest.
+    level: Vec<f32>,
+}
+
+/// Counts of one category's samples.
+struct Tally {
+    voxels: usize,
+    inside: Vec<u32>,
+    all: Vec<u32>,
+}
+
+impl MeanShapes {
+    /// Reads the occupancies of all training objects; `progress` hears how many are done, `problem` of those left out.
+    ///
+    /// # Errors
+    /// When no training object has occupancies.
+    pub fn read(
+        dataset: &ObjectDataset,
+        mut progress: impl FnMut(usize),
+        mut problem: impl FnMut(usize, String),
+    ) -> Result<Self> {
+        let mut tallies: BTreeMap<String, Tally> = BTreeMap::new();
+        for (done, object) in dataset.of_split(Split::Train).into_iter().enumerate() {
+            match dataset.read_occupancy(object) {
+                Ok(Some(samples)) => {
+                    let category = dataset.objects()[object].category.clone();
+                    tallies.entry(category).or_insert_with(|| Tally::for_samples(&samples)).add(&samples);
+                }
+                Ok(None) => problem(object, "there is no points.npz".into()),
+                Err(error) => problem(object, error.to_string()),
+            }
+            progress(done + 1);
+        }
+        if tallies.is_empty() {
+            return Err(Error::Run {
+                path: dataset.root().to_owned(),
+                problem: "no training object has a points.npz to take the mean of".into(),
+                remedy: "`dvr synth` writes them.".into(),
+            });
+        }
+        let categories = tallies.into_iter().map(|(category, tally)| (category, tally.mean())).collect();
+        Ok(Self { categories })
+    }
+
+    /// The mean shape of a category.
+    ///
+    /// # Errors
+    /// When no training object of it has occupancies.
+    pub fn of(&self, category: &str, extraction: &ExtractSettings) -> Result<Mesh> {
+        let mean = self.categories.get(category).ok_or_else(|| {
+            Error::Config(format!("category {category} has no training object with points.npz to take the mean of"))
+        })?;
+        let logits = |points: &[Vec3]| points.iter().map(|&point| mean.at(point)).collect();
+        // The level set of a coarse grid needs no refinement of its own.
+        let extraction = ExtractSettings { upsampling_steps: 0, ..extraction.clone() };
+        Ok(extract_mesh(&logits, &extraction, &[]).map(|extracted| extracted.mesh).unwrap_or_default())
+    }
+}
+
+impl Tally {
+    /// As fine as this many samples allow.
+    fn for_samples(samples: &OccupancySamples) -> Self {
+        let voxels = (samples.points.len() as f64 / POINTS_A_VOXEL).cbrt() as usize;
+        let voxels = voxels.clamp(2, MOST_VOXELS);
+        Self { voxels, inside: vec![0; voxels.pow(3)], all: vec![0; voxels.pow(3)] }
+    }
+
+    fn add(&mut self, samples: &OccupancySamples) {
+        for (point, &inside) in samples.points.iter().zip(&samples.inside) {
+            let voxel = in_voxels(*point, self.voxels).floor().as_ivec3();
+            if voxel.cmpge(IVec3::ZERO).all() && voxel.cmplt(IVec3::splat(self.voxels as i32)).all() {
+                let voxel = index(voxel, self.voxels);
+                self.all[voxel] += 1;
+                self.inside[voxel] += u32::from(inside);
+            }
+        }
+    }
+
+    fn mean(&self) -> MeanShape {
+        let share = |(&inside, &all): (&u32, &u32)| if all == 0 { 0.0 } else { inside as f32 / all as f32 };
+        let means: Vec<f32> = self.inside.iter().zip(&self.all).map(share).collect();
+        let volume = means.iter().sum::<f32>().round() as usize;
+        let mut sorted = means.clone();
+        sorted.sort_unstable_by(|a, b| b.total_cmp(a));
+        // Between the last voxel that belongs to the shape and the first that does not.
+        let at = volume.clamp(1, sorted.len() - 1);
+        let threshold = 0.5 * (sorted[at - 1] + sorted[at]);
+        MeanShape { voxels: self.voxels, level: means.into_iter().map(|mean| mean - threshold).collect() }
+    }
+}
+
+impl MeanShape {
+    /// Trilinear between the centres of voxels; beyond the outermost of them, their values.
+    fn at(&self, point: Vec3) -> f32 {
+        let place = (in_voxels(point, self.voxels) - 0.5).clamp(Vec3::ZERO, Vec3::splat((self.voxels - 1) as f32));
+        let (low, share) = (place.floor(), place - place.floor());
+        (0..8)
+            .map(|corner| {
+                let step = IVec3::new(corner & 1, corner >> 1 & 1, corner >> 2 & 1);
+                let weight = Vec3::select(step.cmpeq(IVec3::ONE), share, 1.0 - share);
+                let voxel = (low.as_ivec3() + step).min(IVec3::splat(self.voxels as i32 - 1));
+                weight.element_product() * self.level[index(voxel, self.voxels)]
+            })
+            .sum()
+    }
+}
+
+/// A position in units of voxels from the cube's lowest corner.
+fn in_voxels(point: Vec3, voxels: usize) -> Vec3 {
+    let half = UnitCube::default().half_extent() as f32;
+    (point + half) * (voxels as f32 / (2.0 * half))
+}
+
+fn index(voxel: IVec3, voxels: usize) -> usize {
+    let [x, y, z] = voxel.to_array().map(|i| i as usize);
+    x + voxels * (y + voxels * z)
+}
+
+#[cfg(test)]
+mod tests {
+    use dvr_core::sampling::sample_cube;
+
+    use super::*;
+
+    /// The mean of balls.
+    fn balls(radii: impl Iterator<Item = f32>) -> MeanShape {
+        let points = sample_cube(UnitCube::default(), 20_000, 1);
+        let samples = |radius: f32| OccupancySamples {
+            inside: points.iter().map(|point| point.length() < radius).collect(),
+            points: points.clone(),
+        };
+        let mut tally = Tally::for_samples(&samples(0.0));
+        radii.for_each(|radius| tally.add(&samples(radius)));
+        tally.mean()
+    }
+
+    #[test]
+    fn the_mean_of_balls_is_the_ball_of_their_mean_volume() {
+        let radii = || (0..21).map(|i| 0.2 + 0.01 * i as f32);
+        let mean = balls(radii());
+        let expected = (radii().map(|radius| radius.powi(3)).sum::<f32>() / 21.0).cbrt();
+        for direction in [Vec3::X, Vec3::NEG_Y, Vec3::ONE.normalize()] {
+            assert!(mean.at(direction * (expected - 0.06)) > 0.0 && mean.at(direction * (expected + 0.06)) < 0.0);
+        }
+    }
+
+    #[test]
+    fn a_category_without_volume_has_no_inside() {
+        assert!(balls([0.0].into_iter()).level.iter().all(|&level| level <= 0.0));
+    }
+}

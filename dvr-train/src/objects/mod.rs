@@ -1,0 +1,28 @@
+//! One model for many objects: a picture in, a shape out (DVR, section 4.2; Mescheder et al. 2019, Occupancy Networks).
+
+mod config;
+mod draw;
+mod evaluate;
+mod loader;
+mod mean_shape;
+mod model;
+mod nearest_picture;
+mod results;
+mod run;
+mod subject;
+mod summary;
+#[cfg(test)]
+mod tests;
+mod trainer;
+mod validate;
+
+pub use config::ObjectsConfig;
+pub use evaluate::{Evaluation, Shard};
+pub use mean_shape::MeanShapes;
+pub use model::ObjectModel;
+pub use nearest_picture::NearestPicture;
+pub use results::{Measurement, ObjectScore, Results, read_results};
+pub use run::{ObjectsMetrics, TrainedObjects, finish_objects, train_objects};
+pub use subject::{Shape, Subject, judged_input};
+pub use summary::{MeanScore, Summary, merge_results, to_markdown, write_summaries};
+pub use trainer::ObjectsTrainer;

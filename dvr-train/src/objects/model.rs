@@ -1,0 +1,97 @@
+//! A trained model of many objects: from a picture to a field.
+
+use burn::module::Module;
+use burn::tensor::{Device, Int, Tensor, TensorData};
+use dvr_core::UnitCube;
+use dvr_model::{Conditioned, ImageModel};
+use dvr_render::extract::FieldSurface;
+use dvr_render::{MarchSettings, RenderSettings, SkipGrid};
+use image::RgbImage;
+
+use super::config::ObjectsConfig;
+use crate::checkpoint::Checkpoint;
+use crate::error::{Error, Result};
+use crate::learner::restore_module;
+use crate::method::Method;
+
+/// Cells along an edge of the grid that lets rendering skip empty space.
+const SKIP_CELLS: usize = 32;
+
+/// A model without gradient tracking, with the configuration that it was trained by.
+#[derive(Clone, Debug)]
+pub struct ObjectModel {
+    config: ObjectsConfig,
+    model: ImageModel,
+}
+
+impl ObjectModel {
+    /// The model that a checkpoint holds.
+    ///
+    /// # Errors
+    /// When it is that of a single scene, or its parameters are damaged.
+    pub fn load(checkpoint: &Checkpoint, device: &Device) -> Result<Self> {
+        let Method::Objects(config) = &checkpoint.header.method else {
+            return Err(Error::Config(
+                "this run reconstructed one scene, and takes no pictures: train on a dataset of objects first".into(),
+            ));
+        };
+        let model = restore_module(&checkpoint.state.model, config.image_model().init(device))?.valid();
+        Ok(Self { config: config.clone(), model })
+    }
+
+    /// The configuration.
+    pub fn config(&self) -> &ObjectsConfig {
+        &self.config
+    }
+
+    /// Encoder and decoder.
+    pub fn model(&self) -> &ImageModel {
+        &self.model
+    }
+
+    /// Side of the pictures that the encoder takes, in pixels; `None` where it knows objects by their number alone.
+    pub fn image_size(&self) -> Option<usize> {
+        self.config.encoder.image_size()
+    }
+
+    /// The field of the object in a picture as [`dvr_core::dataset::input_picture`] makes them.
+    pub fn field_of_picture(&self, picture: &RgbImage) -> Conditioned {
+        let device = self.device();
+        self.model.field(self.model.codes(image_tensor(&[picture], &device), rows_tensor(&[0], &device)))
+    }
+
+    /// The field of a training object, given its place among them: for models without pictures.
+    pub fn field_of_row(&self, row: usize) -> Conditioned {
+        let device = self.device();
+        self.model.field(self.model.codes(image_tensor(&[], &device), rows_tensor(&[row as i64], &device)))
+    }
+
+    fn device(&self) -> Device {
+        self.model.decoder.fc_p.weight.val().device()
+    }
+}
+
+/// How the fields of objects are looked at.
+pub(crate) fn render_settings(samples: usize) -> RenderSettings {
+    RenderSettings { march: MarchSettings { steps: samples, ..MarchSettings::default() }, ..RenderSettings::default() }
+}
+
+/// Where a field's surface may be.
+pub(crate) fn skip_grid(field: &Conditioned) -> SkipGrid {
+    SkipGrid::build(&FieldSurface::new(field), UnitCube::default(), SKIP_CELLS)
+}
+
+/// Pictures of one size as `[b, 3, size, size]`, sRGB in `[0, 1]`; without pictures, one of one pixel that nobody looks at.
+pub(crate) fn image_tensor(pictures: &[&RgbImage], device: &Device) -> Tensor<4> {
+    let Some(first) = pictures.first() else { return Tensor::zeros([1, 3, 1, 1], device) };
+    let (width, height) = (first.width() as usize, first.height() as usize);
+    let channel =
+        |picture: &RgbImage, c: usize| picture.pixels().map(|p| f32::from(p.0[c]) / 255.0).collect::<Vec<_>>();
+    let values: Vec<f32> = pictures.iter().flat_map(|picture| (0..3).flat_map(|c| channel(picture, c))).collect();
+    Tensor::from_data(TensorData::new(values, [pictures.len(), 3, height, width]), device)
+}
+
+/// Places of objects among the training objects, `[b]`.
+pub(crate) fn rows_tensor(rows: &[i64], device: &Device) -> Tensor<1, Int> {
+    Tensor::from_data(TensorData::new(rows.to_vec(), [rows.len()]), device)
+}

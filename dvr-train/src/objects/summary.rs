@@ -1,0 +1,241 @@
+//! Means over categories and objects, as tables: JSON, CSV and Markdown.
+
+use std::collections::BTreeMap;
+use std::fmt::Write;
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+
+use super::results::{Measurement, ObjectScore, read_results};
+use crate::error::{Error, Result};
+
+/// The figures that have a column: name, unit or scale for people, decimals, and where they are found.
+type Figure = (&'static str, &'static str, usize, fn(&ObjectScore) -> Option<f64>);
+
+/// Lengths are in edges of the object cube; the tables for people print Chamfer-L1 times ten, as papers do.
+const FIGURES: [Figure; 11] = [
+    ("chamfer_l1", "Chamfer-L1", 4, |score| Some(score.shape.surface.as_ref()?.chamfer_l1)),
+    ("chamfer_l1_floor", "Chamfer-L1, floor", 4, |score| Some(score.shape.floor.as_ref()?.chamfer_l1)),
+    ("accuracy", "accuracy", 4, |score| Some(score.shape.surface.as_ref()?.accuracy)),
+    ("completeness", "completeness", 4, |score| Some(score.shape.surface.as_ref()?.completeness)),
+    ("normal_consistency", "normal consistency", 3, |score| {
+        Some(score.shape.surface.as_ref()?.normal_consistency?.mean)
+    }),
+    ("f_score_0.005", "F-score at .005", 3, |score| f_score(score, 0)),
+    ("f_score_0.01", "F-score at .01", 3, |score| f_score(score, 1)),
+    ("f_score_0.02", "F-score at .02", 3, |score| f_score(score, 2)),
+    ("volume_iou", "volume IoU", 3, |score| score.shape.volume_iou),
+    ("silhouette_iou", "silhouette IoU", 3, |score| Some(score.views?.mask_iou)),
+    ("psnr", "PSNR dB", 2, |score| Some(score.views?.psnr)),
+];
+
+/// The figures that the Markdown tables show.
+const SHOWN: [&str; 7] =
+    ["chamfer_l1", "chamfer_l1_floor", "normal_consistency", "f_score_0.02", "volume_iou", "silhouette_iou", "psnr"];
+
+/// The mean figures of one subject over some objects.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct MeanScore {
+    /// How many objects.
+    pub objects: usize,
+    /// Mean of each figure over the objects that have it.
+    pub figures: BTreeMap<String, f64>,
+}
+
+/// One subject's figures.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Summary {
+    /// What was measured.
+    pub measurement: Measurement,
+    /// By the category's name.
+    pub categories: BTreeMap<String, MeanScore>,
+    /// The mean of the categories' means, as papers print it.
+    pub mean_of_categories: MeanScore,
+    /// The mean over all objects.
+    pub mean_of_objects: MeanScore,
+}
+
+fn f_score(score: &ObjectScore, threshold: usize) -> Option<f64> {
+    Some(score.shape.surface.as_ref()?.f_scores.get(threshold)?.f_score)
+}
+
+fn mean(values: impl Iterator<Item = Option<f64>>) -> Option<f64> {
+    let values: Vec<f64> = values.flatten().collect();
+    (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
+}
+
+/// The means over some objects, in their order.
+fn mean_score(scores: &[&ObjectScore]) -> MeanScore {
+    let of = |figure: &Figure| Some((figure.0.to_owned(), mean(scores.iter().map(|score| figure.3(score)))?));
+    MeanScore { objects: scores.len(), figures: FIGURES.iter().filter_map(of).collect() }
+}
+
+impl Summary {
+    /// The means of one subject's results, whatever their order.
+    pub fn new(measurement: Measurement, scores: &[ObjectScore]) -> Self {
+        let mut sorted: Vec<&ObjectScore> = scores.iter().collect();
+        sorted.sort_by(|a, b| (&a.category, &a.name).cmp(&(&b.category, &b.name)));
+        let mut by_category: BTreeMap<String, Vec<&ObjectScore>> = BTreeMap::new();
+        for score in &sorted {
+            by_category.entry(score.category_name.clone()).or_default().push(score);
+        }
+        let categories: BTreeMap<String, MeanScore> =
+            by_category.into_iter().map(|(name, scores)| (name, mean_score(&scores))).collect();
+        let of = |figure: &Figure| {
+            let means = categories.values().map(|category| category.figures.get(figure.0).copied());
+            Some((figure.0.to_owned(), mean(means)?))
+        };
+        let mean_of_categories = MeanScore { objects: sorted.len(), figures: FIGURES.iter().filter_map(of).collect() };
+        Self { measurement, categories, mean_of_categories, mean_of_objects: mean_score(&sorted) }
+    }
+
+    /// The rows of a table: the categories and the two means.
+    fn rows(&self) -> impl Iterator<Item = (&str, &MeanScore)> {
+        let categories = self.categories.iter().map(|(name, score)| (name.as_str(), score));
+        categories.chain([("mean of categories", &self.mean_of_categories), ("mean of objects", &self.mean_of_objects)])
+    }
+}
+
+/// Reads files of results, joins the shards of each measurement, and sums them up, subject by subject.
+///
+/// # Errors
+/// When a file is no results', or an object is there twice.
+pub fn merge_results(files: &[std::path::PathBuf]) -> Result<Vec<Summary>> {
+    let mut joined: Vec<(Measurement, Vec<ObjectScore>)> = Vec::new();
+    for file in files {
+        let (measurement, scores) = read_results(file)?;
+        let place = joined.iter().position(|(other, _)| *other == measurement).unwrap_or_else(|| {
+            joined.push((measurement, Vec::new()));
+            joined.len() - 1
+        });
+        let known = &mut joined[place].1;
+        if let Some(twice) = scores.iter().find(|a| known.iter().any(|b| a.category == b.category && a.name == b.name))
+        {
+            return Err(Error::Run {
+                path: file.clone(),
+                problem: format!("the figures of {}/{} are in an earlier file too", twice.category, twice.name),
+                remedy: "Give each shard once.".into(),
+            });
+        }
+        known.extend(scores);
+    }
+    Ok(joined.into_iter().map(|(measurement, scores)| Summary::new(measurement, &scores)).collect())
+}
+
+/// Writes `summary.json`, `summary.csv` and `summary.md` into a folder.
+///
+/// # Errors
+/// When a file cannot be written.
+pub fn write_summaries(folder: &Path, summaries: &[Summary]) -> Result<()> {
+    std::fs::create_dir_all(folder).map_err(|e| dvr_core::Error::io(folder, e))?;
+    let json = serde_json::to_string_pretty(summaries).map_err(|e| Error::Config(e.to_string()))?;
+    let files = [("summary.json", json), ("summary.csv", to_csv(summaries)?), ("summary.md", to_markdown(summaries))];
+    for (name, text) in files {
+        dvr_core::files::write_bytes_atomically(&folder.join(name), text.as_bytes())?;
+    }
+    Ok(())
+}
+
+/// A row for each subject and category, a column for each figure, full precision, lengths in edges of the object cube.
+fn to_csv(summaries: &[Summary]) -> Result<String> {
+    let broken = |e: String| Error::Config(format!("the table cannot be written ({e})"));
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    let header = ["subject", "category", "objects"].into_iter().chain(FIGURES.iter().map(|figure| figure.0));
+    writer.write_record(header).map_err(|e| broken(e.to_string()))?;
+    for summary in summaries {
+        for (category, score) in summary.rows() {
+            let figures = FIGURES.iter().map(|(key, ..)| score.figures.get(*key).map_or(String::new(), f64::to_string));
+            let start = [summary.measurement.subject.clone(), category.to_owned(), score.objects.to_string()];
+            writer.write_record(start.into_iter().chain(figures)).map_err(|e| broken(e.to_string()))?;
+        }
+    }
+    let bytes = writer.into_inner().map_err(|e| broken(e.to_string()))?;
+    String::from_utf8(bytes).map_err(|e| broken(e.to_string()))
+}
+
+/// The papers' form: a row a category; a column a figure for one subject, or a table a figure with a column a subject.
+pub fn to_markdown(summaries: &[Summary]) -> String {
+    let mut text = String::new();
+    let shown: Vec<&Figure> = FIGURES
+        .iter()
+        .filter(|figure| SHOWN.contains(&figure.0))
+        .filter(|figure| summaries.iter().any(|summary| summary.mean_of_objects.figures.contains_key(figure.0)))
+        .collect();
+    if let [summary] = summaries {
+        let titles: Vec<String> = shown.iter().map(|figure| title(figure)).collect();
+        let _ = writeln!(text, "{}: {} objects\n", summary.measurement.subject, summary.mean_of_objects.objects);
+        let _ = writeln!(text, "| category | objects | {} |", titles.join(" | "));
+        let _ = writeln!(text, "|---|{}", "---|".repeat(1 + shown.len()));
+        for (category, score) in summary.rows() {
+            let cells: Vec<String> = shown.iter().map(|figure| cell(score, figure)).collect();
+            let _ = writeln!(text, "| {category} | {} | {} |", score.objects, cells.join(" | "));
+        }
+        return text;
+    }
+    let Some(first) = summaries.first() else { return text };
+    for figure in shown {
+        let subjects: Vec<&str> = summaries.iter().map(|summary| summary.measurement.subject.as_str()).collect();
+        let _ = writeln!(text, "{}\n\n| category | objects | {} |", title(figure), subjects.join(" | "));
+        let _ = writeln!(text, "|---|{}", "---|".repeat(1 + subjects.len()));
+        for (category, score) in first.rows() {
+            let of =
+                |summary: &Summary| summary.rows().find(|(name, _)| *name == category).map(|(_, s)| cell(s, figure));
+            let cells: Vec<String> = summaries.iter().map(|summary| of(summary).unwrap_or_default()).collect();
+            let _ = writeln!(text, "| {category} | {} | {} |", score.objects, cells.join(" | "));
+        }
+        text.push('\n');
+    }
+    text
+}
+
+fn title((key, name, ..): &Figure) -> String {
+    if key.starts_with("chamfer") { format!("{name} (x10)") } else { (*name).to_owned() }
+}
+
+fn cell(score: &MeanScore, (key, _, decimals, _): &Figure) -> String {
+    let scale = if key.starts_with("chamfer") { 10.0 } else { 1.0 };
+    score.figures.get(*key).map_or(String::new(), |value| format!("{:.decimals$}", scale * value))
+}
+
+#[cfg(test)]
+mod tests {
+    use dvr_core::Split;
+
+    use super::*;
+    use crate::evaluate::ShapeEvaluation;
+
+    fn score(category: &str, name: &str, iou: f64) -> ObjectScore {
+        let shape = ShapeEvaluation { surface: None, floor: None, volume_iou: Some(iou) };
+        let [category, name] = [category, name].map(str::to_owned);
+        ObjectScore { category: category.clone(), category_name: category, name, input: 0, shape, views: None }
+    }
+
+    fn measurement(subject: &str) -> Measurement {
+        Measurement::new(subject.into(), 0, Split::Test, 0, 64, 0)
+    }
+
+    #[test]
+    fn every_category_counts_the_same_in_their_mean_and_every_object_in_the_other() {
+        let scores = [score("bed", "a", 0.2), score("bed", "b", 0.4), score("car", "c", 0.9)];
+        let summary = Summary::new(measurement("run"), &scores);
+        let near = |score: &MeanScore, value: f64| (score.figures["volume_iou"] - value).abs() < 1e-12;
+        assert!(near(&summary.categories["bed"], 0.3) && near(&summary.mean_of_categories, 0.6));
+        assert!(near(&summary.mean_of_objects, 0.5));
+        let mut turned = scores.to_vec();
+        turned.reverse();
+        assert_eq!(Summary::new(measurement("run"), &turned), summary, "whatever the order");
+        let table = to_markdown(std::slice::from_ref(&summary));
+        assert!(
+            table.contains("| category | objects | volume IoU |") && table.contains("| bed | 2 | 0.300 |"),
+            "{table}"
+        );
+        let two = to_markdown(&[summary.clone(), Summary::new(measurement("other"), &scores[..2])]);
+        assert!(
+            two.contains("| category | objects | run | other |") && two.contains("| car | 1 | 0.900 |  |"),
+            "{two}"
+        );
+        let csv = to_csv(&[summary]).unwrap();
+        assert_eq!(csv.lines().count(), 5);
+        assert!(csv.contains("run,car,1,,,,,,,,,0.9,,"), "{csv}");
+    }
+}

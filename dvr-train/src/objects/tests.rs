@@ -1,0 +1,237 @@
+//! Drawing, training and resuming on a dataset of two categories with four balls and rings each.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use burn::module::Module;
+use burn::tensor::Device;
+use dvr_core::Split;
+use dvr_core::dataset::{ObjectDataset, ObjectOptions};
+use dvr_core::mesh::{Mesh, TexturedMesh, shapes};
+use dvr_core::synth::{SynthConfig, render_dataset};
+use dvr_model::EncoderConfig;
+use dvr_render::Field;
+use dvr_render::Query;
+use glam::Vec3;
+
+use super::config::ObjectsConfig;
+use super::draw::{BatchDrawer, Lesson};
+use super::loader::Loader;
+use super::mean_shape::MeanShapes;
+use super::nearest_picture::NearestPicture;
+use super::subject::{Shape, Subject, judged_input};
+use super::trainer::ObjectsTrainer;
+use crate::config::{MarchStage, Supervision};
+use crate::learner::Learner;
+
+fn write_dataset(root: &Path) {
+    let config = SynthConfig {
+        views: 4,
+        width: 16,
+        height: 16,
+        surface_points: 500,
+        occupancy_points: 8000,
+        ..SynthConfig::default()
+    };
+    for i in 0..4 {
+        let stretched = |mesh: Mesh| {
+            let stretch = Vec3::new(1.0, 0.5 + 0.2 * i as f32, 1.0);
+            let vertices = mesh.vertices.iter().map(|vertex| *vertex * stretch).collect();
+            TexturedMesh { mesh: Mesh { vertices, normals: None, ..mesh }, ..TexturedMesh::default() }
+        };
+        let shapes = [("balls", shapes::icosphere(2, 1.0)), ("rings", shapes::torus(1.0, 0.4, 24, 12))];
+        for (category, mesh) in shapes {
+            render_dataset(&stretched(mesh), &format!("o{i}"), category, root, &config, &|_, _| ()).unwrap();
+        }
+    }
+    for category in ["balls", "rings"] {
+        let lists = [("train.lst", "o0\no1\no3\n"), ("val.lst", "o2\n"), ("test.lst", "o2\n")];
+        lists.iter().for_each(|(list, names)| std::fs::write(root.join(category).join(list), names).unwrap());
+    }
+}
+
+fn dataset() -> (tempfile::TempDir, Arc<ObjectDataset>) {
+    let folder = tempfile::tempdir().unwrap();
+    write_dataset(folder.path());
+    let dataset = open(folder.path());
+    (folder, dataset)
+}
+
+fn open(root: &Path) -> Arc<ObjectDataset> {
+    Arc::new(ObjectDataset::open(root, ObjectOptions::default()).unwrap())
+}
+
+fn small(supervision: Supervision) -> ObjectsConfig {
+    let mut config = ObjectsConfig::new(supervision);
+    config.encoder = EncoderConfig::Convolutional { image_size: 63, width: 2 };
+    (config.objects, config.points, config.validate_objects) = (4, 32, 2);
+    (config.train.rays, config.train.steps) = (16, 6);
+    config.train.march = vec![MarchStage { from_percent: 0, samples: 8 }];
+    (config.train.model.hidden, config.train.model.code_dim, config.train.model.octaves) = (16, 8, 1);
+    config
+}
+
+#[test]
+fn batches_come_in_the_order_of_steps_and_every_epoch_has_every_object_once() {
+    let (_folder, dataset) = dataset();
+    let drawer = Arc::new(BatchDrawer::new(dataset, small(Supervision::Rgb)).unwrap());
+    let mut loader = Loader::start(&drawer, 1);
+    let mut rows = Vec::new();
+    for step in 1..=6 {
+        let (ahead, alone) = (loader.next_batch().unwrap(), drawer.draw(step).unwrap());
+        assert_eq!((&ahead.rows, &ahead.inputs), (&alone.rows, &alone.inputs), "step {step}");
+        let Lesson::Pixels { pixels, owner, .. } = ahead.lesson else { panic!("pixels teach") };
+        let Lesson::Pixels { pixels: again, .. } = alone.lesson else { panic!("pixels teach") };
+        assert_eq!((&pixels.color, &pixels.rays), (&again.color, &again.rays));
+        assert_eq!(owner.chunks(16).map(|chunk| chunk[0]).collect::<Vec<_>>(), [0, 1, 2, 3]);
+        rows.extend(ahead.rows);
+    }
+    for epoch in rows.chunks(6) {
+        let mut epoch = epoch.to_vec();
+        epoch.sort_unstable();
+        assert_eq!(epoch, [0, 1, 2, 3, 4, 5]);
+    }
+    assert_ne!(rows[..6], rows[6..12], "each in an order of its own");
+    let mut later = Loader::start(&drawer, 4);
+    assert_eq!(later.next_batch().unwrap().rows, drawer.draw(4).unwrap().rows, "a resumed run goes on there");
+}
+
+#[test]
+fn with_one_view_an_object_always_teaches_by_the_same() {
+    let (_folder, dataset) = dataset();
+    let config = ObjectsConfig { one_view: true, ..small(Supervision::Depth) };
+    let drawer = BatchDrawer::new(dataset, config).unwrap();
+    let mut origin = std::collections::BTreeMap::new();
+    for step in 1..=12 {
+        let batch = drawer.draw(step).unwrap();
+        let Lesson::Pixels { pixels, owner, .. } = batch.lesson else { panic!("pixels teach") };
+        for (ray, &place) in pixels.rays.iter().zip(&owner) {
+            let row = batch.rows[place as usize];
+            assert_eq!(*origin.entry(row).or_insert(ray.origin), ray.origin, "object {row}, step {step}");
+        }
+    }
+}
+
+#[test]
+fn in_the_place_of_a_broken_object_another_one_is_drawn_and_it_is_named_once() {
+    let (folder, _) = dataset();
+    std::fs::write(folder.path().join("rings/o1/cameras.npz"), "broken").unwrap();
+    let dataset = open(folder.path());
+    let mut trainer = ObjectsTrainer::new(dataset, small(Supervision::Rgb), Device::flex()).unwrap();
+    let notes: Vec<String> = (0..4)
+        .flat_map(|_| {
+            trainer.step().unwrap();
+            trainer.notes()
+        })
+        .collect();
+    assert!(notes.len() == 1 && notes[0].contains("rings/o1") && notes[0].contains("cameras.npz"), "{notes:?}");
+    assert_eq!(trainer.broken().len(), 1);
+
+    for object in ["balls/o0", "balls/o1", "balls/o3", "rings/o0", "rings/o3"] {
+        std::fs::remove_file(folder.path().join(object).join("cameras.npz")).unwrap();
+    }
+    let message = BatchDrawer::new(open(folder.path()), small(Supervision::Rgb)).unwrap().draw(1).unwrap_err();
+    assert!(message.to_string().contains("in a row"), "{message}");
+}
+
+/// What a model says of some points of an object: codes, and with them running statistics, show in it.
+fn answers(trainer: &ObjectsTrainer, dataset: &ObjectDataset) -> Vec<f32> {
+    let state = trainer.state().unwrap();
+    let checkpoint = crate::checkpoint::Checkpoint { header: header(trainer), state };
+    let model = super::model::ObjectModel::load(&checkpoint, &Device::flex()).unwrap();
+    let field = match model.image_size() {
+        Some(size) => model.field_of_picture(&dataset.read_input(2, 1, size as u32).unwrap()),
+        None => model.field_of_row(2),
+    };
+    let points = burn::tensor::Tensor::from_floats([[0.1, 0.2, 0.3], [-0.2, 0.0, 0.4]], &Device::flex());
+    let values = field.evaluate(&Query::new(points));
+    let flat = |data: burn::tensor::TensorData| data.iter::<f32>().collect::<Vec<_>>();
+    [flat(values.occupancy_logit.into_data()), flat(values.color.into_data())].concat()
+}
+
+fn header(trainer: &ObjectsTrainer) -> crate::checkpoint::CheckpointHeader {
+    crate::checkpoint::CheckpointHeader {
+        version: crate::checkpoint::CHECKPOINT_VERSION,
+        method: crate::method::Method::Objects(trainer.config().clone()),
+        step: trainer.steps_done(),
+        seconds: 0.0,
+        best: None,
+        scene: std::path::PathBuf::new(),
+        reading: serde_json::Value::Null,
+        object_to_world: dvr_core::Similarity::default(),
+        held_out: Vec::new(),
+    }
+}
+
+#[test]
+fn training_goes_on_after_a_break_as_if_there_had_been_none() {
+    let (_folder, dataset) = dataset();
+    let resnet = EncoderConfig::Resnet18 { image_size: 16 };
+    let codes = EncoderConfig::Codes { objects: 6 };
+    let convolutional = small(Supervision::Rgb).encoder;
+    for (encoder, supervision) in
+        [(convolutional, Supervision::RgbDepth), (resnet, Supervision::Rgb), (codes, Supervision::Occupancy)]
+    {
+        let config = ObjectsConfig { encoder, ..small(supervision) };
+        let new = || ObjectsTrainer::new(dataset.clone(), config.clone(), Device::flex()).unwrap();
+        let mut whole = new();
+        (0..4).for_each(|_| drop(whole.step().unwrap()));
+        let mut first = new();
+        (0..2).for_each(|_| drop(first.step().unwrap()));
+        let mut second = new();
+        second.step().unwrap();
+        second.resume(&first.state().unwrap(), 2).unwrap();
+        (0..2).for_each(|_| drop(second.step().unwrap()));
+        assert_eq!(answers(&whole, &dataset), answers(&second, &dataset), "{supervision}");
+        assert_ne!(answers(&whole, &dataset), answers(&first, &dataset));
+        assert_eq!(whole.validate(100), second.validate(100));
+    }
+}
+
+#[test]
+fn occupancies_are_learned_and_two_objects_told_apart() {
+    let (_folder, dataset) = dataset();
+    let mut config = ObjectsConfig { encoder: EncoderConfig::Codes { objects: 6 }, ..small(Supervision::Occupancy) };
+    (config.points, config.objects, config.train.steps, config.train.learning_rate) = (128, 6, 150, 1e-2);
+    let mut trainer = ObjectsTrainer::new(dataset.clone(), config, Device::flex()).unwrap();
+    let first = trainer.step().unwrap().loss;
+    let last = (0..150).map(|_| trainer.step().unwrap().loss).last().unwrap();
+    assert!(last < 0.5 * first, "{first} to {last}");
+    // The middle of a ball is inside; that of a ring is not, or less surely so.
+    let model = super::model::ObjectModel::load(
+        &crate::checkpoint::Checkpoint { header: header(&trainer), state: trainer.state().unwrap() },
+        &Device::flex(),
+    )
+    .unwrap();
+    let middle = |row| {
+        let points = burn::tensor::Tensor::zeros([1, 3], &Device::flex());
+        model.field_of_row(row).occupancy_logit(&Query::new(points)).into_scalar::<f32>()
+    };
+    assert!(middle(0) > 0.0 && middle(4) < middle(0) - 0.5, "{} and {}", middle(0), middle(4));
+    assert!(model.model().num_params() > 0);
+}
+
+#[test]
+fn baselines_know_the_training_objects_alone() {
+    let (_folder, dataset) = dataset();
+    let test = dataset.of_split(Split::Test);
+    let nobody = |_: usize, problem: String| panic!("{problem}");
+    let mean = Subject::MeanShape(MeanShapes::read(&dataset, |_| (), nobody).unwrap());
+    let nearest = Subject::NearestPicture(NearestPicture::read(&dataset, |_| (), nobody).unwrap());
+    let extraction = dvr_render::extract::ExtractSettings { resolution: 32, ..Default::default() };
+    for object in test {
+        let truth = dataset.read_ground_truth(object).unwrap();
+        let input = judged_input(&dataset, object, 0).unwrap();
+        for subject in [&mean, &nearest] {
+            let shape = subject.shape(&dataset, object, input, &extraction).unwrap();
+            let score = shape.evaluate(&truth, 0).unwrap();
+            // The objects are alike, but no training object is the same.
+            let (iou, chamfer) = (score.volume_iou.unwrap(), score.surface.unwrap().chamfer_l1);
+            assert!(iou > 0.3 && iou < 0.99, "{iou}");
+            assert!(chamfer > 0.01 && chamfer < 0.1, "{chamfer}");
+            if let Shape::Samples(samples) = shape {
+                assert_eq!(samples.surface.unwrap().points.len(), 500);
+            }
+        }
+    }
+}

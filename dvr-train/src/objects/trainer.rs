@@ -1,0 +1,195 @@
+//! Encoder and decoder in training, together: the state and its one step.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+
+use burn::module::Module;
+use burn::optim::{GradientsParams, ModuleOptimizer};
+use burn::tensor::{Device, Tensor, TensorData};
+use dvr_core::dataset::ObjectDataset;
+use dvr_model::{Conditioned, ImageModel};
+use dvr_render::{Field, Query};
+use glam::Vec3;
+
+use super::config::ObjectsConfig;
+use super::draw::{BatchDrawer, Lesson};
+use super::loader::Loader;
+use super::model::{image_tensor, rows_tensor};
+use super::validate::{Judge, judge, read_judges};
+use crate::batch::PixelBatch;
+use crate::checkpoint::LearnerState;
+use crate::error::{Error, Result};
+use crate::learner::{Learner, module_state, restore_module, restore_optimizer};
+use crate::losses;
+use crate::objective::{StepLoss, step_loss};
+use crate::trainer::{StepReport, adam};
+use crate::validate::Agreement;
+
+/// A model of many objects in training.
+pub struct ObjectsTrainer {
+    config: ObjectsConfig,
+    dataset: Arc<ObjectDataset>,
+    device: Device,
+    drawer: Arc<BatchDrawer>,
+    /// Started by the first step, so that a resumed run draws no batch in vain.
+    loader: Option<Loader>,
+    judges: Vec<Judge>,
+    broken_judges: BTreeMap<usize, String>,
+    /// The broken objects that have been told of.
+    told: BTreeSet<usize>,
+    model: ImageModel,
+    optimizer: ModuleOptimizer,
+    step: usize,
+}
+
+impl ObjectsTrainer {
+    /// A model with fresh parameters; `device` is without autodiff. The validation objects are read here.
+    ///
+    /// # Errors
+    /// When the dataset has no training objects.
+    pub fn new(dataset: Arc<ObjectDataset>, config: ObjectsConfig, device: Device) -> Result<Self> {
+        device.seed(config.train.seed);
+        let model = config.image_model().init(&device.clone().autodiff());
+        let drawer = Arc::new(BatchDrawer::new(dataset.clone(), config.clone())?);
+        let mut broken_judges = BTreeMap::new();
+        let judges = read_judges(&dataset, &config, |object, problem| {
+            broken_judges.insert(object, problem);
+        });
+        Ok(Self {
+            config,
+            dataset,
+            device,
+            drawer,
+            loader: None,
+            judges,
+            broken_judges,
+            told: BTreeSet::new(),
+            model,
+            optimizer: adam(),
+            step: 0,
+        })
+    }
+
+    /// The configuration.
+    pub fn config(&self) -> &ObjectsConfig {
+        &self.config
+    }
+
+    /// How many objects are trained on.
+    pub fn objects(&self) -> usize {
+        self.drawer.objects()
+    }
+
+    /// `category/name` of the objects that could not be used so far, with the reason.
+    pub fn broken(&self) -> Vec<(String, String)> {
+        self.all_broken().into_iter().map(|(object, problem)| (self.title(object), problem)).collect()
+    }
+
+    fn all_broken(&self) -> BTreeMap<usize, String> {
+        let mut broken = self.drawer.broken();
+        broken.extend(self.broken_judges.clone());
+        broken
+    }
+
+    fn title(&self, object: usize) -> String {
+        let object = &self.dataset.objects()[object];
+        format!("{}/{}", object.category, object.name)
+    }
+
+    /// The loss of a step's lesson.
+    fn loss(&self, field: &Conditioned, frozen: &Conditioned, lesson: Lesson) -> StepLoss {
+        let config = &self.config.train;
+        match lesson {
+            Lesson::Pixels { pixels, owner, noise } => {
+                let batch = PixelBatch::of_pixels(pixels, config.sampling().patch_pixels(), None, &self.device);
+                step_loss(field, frozen, &batch.with_objects(owner), &noise, config, self.step)
+            }
+            Lesson::Points { points, inside, owner } => {
+                occupancy_loss(field, &points, &inside, &owner, &self.device.clone().autodiff())
+            }
+        }
+    }
+}
+
+/// The Occupancy Network objective, a mean over points, in the form of the other lessons; the IoU is that of the points.
+fn occupancy_loss(field: &Conditioned, points: &[Vec3], inside: &[bool], owner: &[i64], device: &Device) -> StepLoss {
+    let n = points.len();
+    let flat: Vec<f32> = points.iter().flat_map(Vec3::to_array).collect();
+    let sign: Vec<f32> = inside.iter().map(|&inside| if inside { 1.0 } else { -1.0 }).collect();
+    let query = Query {
+        points: Tensor::from_data(TensorData::new(flat, [n, 3]), device),
+        object: Some(rows_tensor(owner, device)),
+    };
+    let logit = field.occupancy_logit(&query);
+    let predicted: Vec<bool> = logit.clone().inner().into_data().iter::<f32>().map(|logit| logit >= 0.0).collect();
+    let count = |holds: fn(bool, bool) -> bool| predicted.iter().zip(inside).filter(|&(&a, &b)| holds(a, b)).count();
+    let (both, either) = (count(|a, b| a && b), count(|a, b| a || b));
+    let total = losses::known_occupancy(logit, Tensor::from_data(TensorData::new(sign, [n]), device)) / n as f64;
+    let mask_iou = if either == 0 { 1.0 } else { both as f64 / either as f64 };
+    StepLoss { terms: vec![("occupancy", total.clone())], total, mask_iou }
+}
+
+impl Learner for ObjectsTrainer {
+    /// One step: draw objects, encode a picture of each, compare what their fields show with the lesson.
+    ///
+    /// All randomness comes from the seed and the step's number: a resumed run draws what an unbroken one would.
+    fn step(&mut self) -> Result<StepReport> {
+        let loader = self.loader.get_or_insert_with(|| Loader::start(&self.drawer, self.step + 1));
+        let batch = loader.next_batch()?;
+        let images = image_tensor(&batch.inputs.iter().collect::<Vec<_>>(), &self.device);
+        let rows = rows_tensor(&batch.rows, &self.device);
+        let codes = self.model.codes(Tensor::from_inner(images), Tensor::from_inner(rows));
+        let frozen = self.model.decoder.valid().with_codes(codes.clone().inner());
+        let loss = self.loss(&self.model.field(codes), &frozen, batch.lesson);
+
+        let value = loss.total.clone().into_scalar::<f64>();
+        if !value.is_finite() {
+            return Err(Error::Diverged { step: self.step + 1, value });
+        }
+        let learning_rate = self.config.train.learning_rate_at(self.step);
+        let report = StepReport {
+            step: self.step + 1,
+            loss: value,
+            terms: loss.terms.iter().map(|(name, term)| (*name, term.clone().into_scalar::<f64>())).collect(),
+            mask_iou: loss.mask_iou,
+            learning_rate,
+            samples: self.config.train.samples_at(self.step),
+        };
+        if !loss.terms.is_empty() {
+            let gradients = GradientsParams::from_grads(loss.total.backward(), &self.model);
+            self.model = self.optimizer.step(learning_rate, self.model.clone(), gradients);
+        }
+        self.step += 1;
+        Ok(report)
+    }
+
+    fn steps_done(&self) -> usize {
+        self.step
+    }
+
+    fn total_steps(&self) -> usize {
+        self.config.train.steps
+    }
+
+    fn validate(&self, pixels: usize) -> Option<Agreement> {
+        judge(&self.model.valid(), &self.judges, pixels, &self.device)
+    }
+
+    fn state(&self) -> Result<LearnerState> {
+        module_state(self.model.clone(), &self.optimizer)
+    }
+
+    fn resume(&mut self, state: &LearnerState, steps: usize) -> Result<()> {
+        self.model = restore_module(&state.model, self.model.clone())?;
+        self.optimizer = restore_optimizer(&state.training, self.optimizer.clone())?;
+        (self.step, self.loader) = (steps, None);
+        Ok(())
+    }
+
+    /// Each broken object, once.
+    fn notes(&mut self) -> Vec<String> {
+        let broken = self.all_broken();
+        let new: Vec<_> = broken.into_iter().filter(|(object, _)| self.told.insert(*object)).collect();
+        new.into_iter().map(|(object, problem)| format!("{} is left out: {problem}", self.title(object))).collect()
+    }
+}

@@ -1,0 +1,82 @@
+//! How well objects that were not trained on are explained: by their silhouettes and pictures, as seen from other sides.
+
+use burn::tensor::Device;
+use dvr_core::dataset::ObjectDataset;
+use dvr_core::{Split, View};
+use dvr_model::ImageModel;
+use dvr_render::FieldShader;
+use image::RgbImage;
+
+use super::config::ObjectsConfig;
+use super::draw::stable_hash;
+use super::model::{image_tensor, render_settings, rows_tensor};
+use crate::validate::{Agreement, agreement};
+
+/// Samples across the cube where a field is looked at.
+const SAMPLES: usize = 48;
+
+/// An object that judges: what the encoder sees of it, and how it looks from another side.
+#[derive(Clone, Debug)]
+pub(crate) struct Judge {
+    /// Place among the training objects, for encoders that know objects by it.
+    row: i64,
+    input: Option<RgbImage>,
+    view: View,
+}
+
+/// Reads the judges: objects of the validation split, spread evenly over it, or training objects where the encoder knows
+/// no others. An object that cannot be read judges nothing; `problem` hears why.
+pub(crate) fn read_judges(
+    dataset: &ObjectDataset,
+    config: &ObjectsConfig,
+    mut problem: impl FnMut(usize, String),
+) -> Vec<Judge> {
+    let size = config.encoder.image_size();
+    let objects = dataset.of_split(if size.is_some() { Split::Val } else { Split::Train });
+    let count = config.validate_objects.min(objects.len());
+    let mut judges = Vec::with_capacity(count);
+    for i in 0..count {
+        let row = i * objects.len() / count;
+        match read_judge(dataset, objects[row], row, size, config.train.seed) {
+            Ok(judge) => judges.push(judge),
+            Err(error) => problem(objects[row], error.to_string()),
+        }
+    }
+    judges
+}
+
+fn read_judge(
+    dataset: &ObjectDataset,
+    object: usize,
+    row: usize,
+    size: Option<usize>,
+    seed: u64,
+) -> dvr_core::Result<Judge> {
+    let name = &dataset.objects()[object];
+    let hash = stable_hash(seed, &[&name.category, &name.name]);
+    let (inputs, views) = (dataset.inputs(object)? as u64, dataset.views(object)? as u64);
+    let input = hash % inputs;
+    // Half the views further: where input and view are the same pictures, the one looks at the other's back.
+    let view = (input + views / 2) % views;
+    let input = size.map(|size| dataset.read_input(object, input as usize, size as u32)).transpose()?;
+    Ok(Judge { row: row as i64, input, view: dataset.read_view(object, view as usize)? })
+}
+
+/// The mean agreement of a model, without gradient tracking, with all judges, on about so many pixels.
+pub(crate) fn judge(model: &ImageModel, judges: &[Judge], pixels: usize, device: &Device) -> Option<Agreement> {
+    let of_each: Vec<Agreement> = judges
+        .iter()
+        .filter_map(|judge| {
+            let images = image_tensor(&judge.input.iter().collect::<Vec<_>>(), device);
+            let field = model.field(model.codes(images, rows_tensor(&[judge.row], device)));
+            let shader = FieldShader::new(&field, render_settings(SAMPLES), None);
+            agreement(&shader, &[&judge.view], pixels / judges.len())
+        })
+        .collect();
+    let mean = |part: fn(&Agreement) -> f64| of_each.iter().map(part).sum::<f64>() / of_each.len() as f64;
+    (!of_each.is_empty()).then(|| Agreement {
+        psnr: mean(|a| a.psnr),
+        mask_iou: mean(|a| a.mask_iou),
+        pixels: of_each.iter().map(|a| a.pixels).sum(),
+    })
+}
