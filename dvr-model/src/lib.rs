@@ -16,7 +16,7 @@
 //!
 //! // To safetensors, with PyTorch's names and layout, and back.
 //! let bytes = to_safetensors(&decoder, &config)?;
-//! let (read_config, _) = from_safetensors(&bytes, &device)?;
+//! let (read_config, _): (DecoderConfig, _) = from_safetensors(&bytes, &device)?;
 //! assert_eq!(read_config, config);
 //! # Ok::<(), dvr_model::RecordError>(())
 //! ```
@@ -30,11 +30,16 @@ mod fused;
 mod image_model;
 mod lattice_field;
 pub mod lattice_file;
+mod pytorch;
 mod record;
+mod tensors;
 
 pub use decoder::{Conditioned, Decoder, DecoderConfig, ResnetBlock};
 pub use encoder::{BasicBlock, Codes, Convolutional, Encoder, EncoderConfig, Resnet18, Resnet18Features};
 pub use fused::FusedDecoder;
 pub use image_model::{ImageModel, ImageModelConfig, OutOfRange};
 pub use lattice_field::{LatticeField, LatticeValues};
-pub use record::{FORMAT_VERSION, RecordError, from_safetensors, load_safetensors, save_safetensors, to_safetensors};
+pub use pytorch::{AdamMoments, Imported, ImportedNetwork, PytorchCheckpoint, load_pretrained, read_pytorch};
+pub use record::{
+    FORMAT_VERSION, NetworkConfig, RecordError, from_safetensors, load_safetensors, save_safetensors, to_safetensors,
+};
