@@ -8,7 +8,7 @@ use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 
 use burn::module::Module;
-use burn::tensor::Device;
+use burn::tensor::{Device, TensorData};
 use burn_store::burn_pack::Tensor as NamedTensor;
 use burn_store::pytorch_reader::{PickleValue, PytorchReader};
 use burn_store::{ModuleSnapshot, bridge};
@@ -94,7 +94,17 @@ pub fn read_pytorch(path: &Path, leaky: bool, device: &Device) -> Result<Pytorch
     }
     let prefix = if has_encoder { "decoder." } else { "" };
     let decoder = decoder_config(&tensors, prefix, leaky)?;
-    let state = OptimizerState::read(path, &root, &mut notes);
+    let mut state = OptimizerState::read(path, &root, &mut notes);
+    if matrix(&tensors, &format!("{prefix}fc_out.weight"))?[0] == 1 {
+        notes.push("the network has no texture (out_dim 1): its colour is grey everywhere".into());
+        add_texture(&mut tensors, |name| name.starts_with(&format!("{prefix}fc_out.")))?;
+        if let Some(state) = &mut state {
+            // The optimiser counts the last layer's parameters as 2 and 3.
+            let last = state.numbers.get(2..4).unwrap_or_default().to_vec();
+            let is_last = |name: &str| last.iter().any(|i| name.starts_with(&format!("state.{i}.exp")));
+            add_texture(&mut state.tensors, is_last)?;
+        }
+    }
     let network = if has_encoder {
         let config = ImageModelConfig { encoder: encoder_config(&tensors)?, decoder };
         config.check().map_err(|e| RecordError::Shape(e.to_string()))?;
@@ -206,6 +216,21 @@ fn check_is_resnet18(tensors: &HashMap<String, NamedTensor>, prefix: &str) -> Re
         let first = tensors.keys().filter(|name| name.starts_with("encoder.")).min().or(tensors.keys().min());
         let first = first.map_or("nothing", |name| name.as_str());
         return Err(RecordError::Shape(format!("no encoder that is known here: the tensors begin with {first:?}")));
+    }
+    Ok(())
+}
+
+/// Adds three outputs of zeros, raw colours, to tensors of a last layer that has only the occupancy's.
+fn add_texture(tensors: &mut HashMap<String, NamedTensor>, is_last: impl Fn(&str) -> bool) -> Result<(), RecordError> {
+    for (_, tensor) in tensors.iter_mut().filter(|(name, _)| is_last(name)) {
+        let data = bridge::to_data(tensor).map_err(|e| RecordError::Container(e.to_string()))?;
+        let mut shape: Vec<usize> = tensor.shape.iter().copied().collect();
+        let mut values: Vec<f32> = data.iter::<f32>().collect();
+        values.resize(4 * values.len(), 0.0);
+        if let Some(outputs) = shape.first_mut() {
+            *outputs = 4;
+        }
+        *tensor = bridge::from_data(TensorData::new(values, shape), tensor.name.clone(), None);
     }
     Ok(())
 }

@@ -53,6 +53,7 @@ mod metrics_log;
 mod model;
 mod objective;
 mod objects;
+mod original_config;
 pub mod preview;
 mod run;
 mod sparse;
@@ -78,6 +79,7 @@ pub use objects::{
     ObjectsMetrics, ObjectsTrainer, Results, Shape, Shard, Subject, Summary, TrainedObjects, finish_objects,
     judged_input, merge_results, read_results, to_markdown, train_objects, write_summaries,
 };
+pub use original_config::OriginalConfig;
 pub use run::{Observer, RunFolder, RunOptions, Stop, Trained, train};
 pub use sparse::SparseTargets;
 pub use trainer::{StepReport, Trainer, ViewSplit};
