@@ -43,6 +43,8 @@ pub enum Command {
     Synth(SynthArgs),
     /// Write the network of a run as safetensors, with PyTorch names and layout
     Export(ExportArgs),
+    /// Make a run of a checkpoint of the original PyTorch code (.pt)
+    Import(ImportArgs),
 }
 
 /// How a scene is read.
@@ -261,6 +263,9 @@ pub struct MeshArgs {
     /// File to write: .ply, .obj or .glb by its ending [default: mesh.ply and mesh.glb in the run]
     #[arg(long, short, value_name = "FILE")]
     pub out: Option<PathBuf>,
+    /// For runs that know objects by learned codes: which one, counted from 0
+    #[arg(long, value_name = "N")]
+    pub object: Option<usize>,
     /// Leave the mesh in object space (the unit cube) instead of the scene's own coordinates
     #[arg(long)]
     pub object_space: bool,
@@ -290,6 +295,9 @@ pub struct RenderArgs {
     /// Folder for the images
     #[arg(long, short, value_name = "DIR")]
     pub out: PathBuf,
+    /// For runs that know objects by learned codes: which one, counted from 0
+    #[arg(long, value_name = "N")]
+    pub object: Option<usize>,
     /// Which cameras
     #[arg(long, value_enum, default_value_t = Cameras::Orbit)]
     pub cameras: Cameras,
@@ -476,6 +484,38 @@ pub struct ExportArgs {
     /// File to write, .safetensors
     #[arg(long, short, value_name = "FILE")]
     pub out: PathBuf,
+}
+
+/// Arguments of `dvr import`.
+#[derive(Args, Debug)]
+#[command(
+    after_help = "The run can then be given to mesh, render, eval, predict, export and train --resume: a network of one \
+scene to mesh at once; a network with an encoder to predict; learned codes to mesh --object N. With --data, meshes come \
+out in the scene's own coordinates, and training can go on."
+)]
+pub struct ImportArgs {
+    /// Checkpoint of the original (zip or legacy), with or without its optimiser
+    pub file: PathBuf,
+    /// Folder of the run to make
+    #[arg(long, short, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Replace the run in --out
+    #[arg(long)]
+    pub overwrite: bool,
+    /// The original's configuration of the checkpoint; what it inherits is found beside it
+    #[arg(long, value_name = "FILE")]
+    pub yaml: Option<PathBuf>,
+    /// The scene or dataset that it was trained on
+    #[arg(long, value_name = "SCENE")]
+    pub data: Option<PathBuf>,
+    /// Latent codes of the objects, for a decoder without an encoder: NPZ with an array `codes`, a row an object
+    #[arg(long, value_name = "FILE")]
+    pub codes: Option<PathBuf>,
+    /// The decoder was trained with `leaky: true`, which its tensors do not tell
+    #[arg(long)]
+    pub leaky: bool,
+    #[command(flatten)]
+    pub reading: SceneArgs,
 }
 
 /// Reads `90s`, `10m`, `2h` or plain seconds.

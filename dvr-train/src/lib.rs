@@ -46,6 +46,7 @@ mod evaluate;
 mod export;
 mod fast;
 mod finish;
+mod import;
 mod learner;
 pub mod losses;
 mod method;
@@ -70,6 +71,7 @@ pub use evaluate::{ShapeEvaluation, ViewEvaluation, evaluate_shape, evaluate_vie
 pub use export::{ColorSource, MeshOptions, object_mesh, world_mesh};
 pub use fast::{Capacity, DisagreeingViews, FastConfig, FastLosses, FastTrainer};
 pub use finish::{RunMetrics, extraction_warnings, finish, judging_views, surface_points};
+pub use import::{ImportOptions, ImportedScene, import};
 pub use learner::Learner;
 pub use method::Method;
 pub use model::Model;

@@ -3,6 +3,7 @@
 pub mod eval;
 mod eval_objects;
 pub mod export;
+pub mod import;
 pub mod info;
 pub mod mesh;
 pub mod render;
@@ -12,11 +13,12 @@ mod train_objects;
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
+use burn::tensor::Device;
 use dvr_core::Scene;
 use dvr_core::dataset::{Normalise, ReadOptions, read_scene};
 use dvr_render::extract::ExtractSettings;
-use dvr_train::{Checkpoint, ColorSource, MeshOptions, RunFolder};
+use dvr_train::{Checkpoint, ColorSource, MeshOptions, Model, RunFolder};
 
 use crate::args::{Colors, MeshingArgs};
 
@@ -29,12 +31,23 @@ pub fn load_run(path: &Path) -> Result<Checkpoint> {
     Ok(checkpoint?)
 }
 
+/// The field of a run: of its scene, or of the object that was chosen among those that it knows by their codes.
+pub fn load_model(checkpoint: &Checkpoint, object: Option<usize>, device: &Device) -> Result<Model> {
+    Ok(match object {
+        Some(object) => Model::of_object(checkpoint, object, device)?,
+        None => Model::load(checkpoint, device)?,
+    })
+}
+
 /// The scene of a run, read as it was for training and in the same object space; from `moved` if it was moved.
 pub fn scene_of_run(checkpoint: &Checkpoint, moved: Option<&PathBuf>) -> Result<Scene> {
     let mut options: ReadOptions = serde_json::from_value(checkpoint.header.reading.clone())
         .context("the checkpoint does not say how its scene was read")?;
     options.normalise = Normalise::Given(checkpoint.header.object_to_world);
     let path = moved.unwrap_or(&checkpoint.header.scene);
+    if path.as_os_str().is_empty() {
+        bail!("the run was imported without its scene: say with --data where it lies");
+    }
     read_scene(path, &options).with_context(|| format!("the run's scene, {}", path.display()))
 }
 

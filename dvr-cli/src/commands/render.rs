@@ -7,13 +7,13 @@ use anyhow::{Context, Result};
 use dvr_core::files::{write_bytes_atomically, write_depth_exr, write_rgb_exr, write_rgb_png};
 use dvr_core::{Camera, Scene, Similarity};
 use dvr_render::{Rendering, render_view};
+use dvr_train::Observer;
 use dvr_train::preview::{normal_picture, to_rgb8};
-use dvr_train::{Model, Observer};
 use glam::{DQuat, DVec3};
 use image::codecs::gif::{GifEncoder, Repeat};
 use image::{Delay, Frame, RgbImage};
 
-use super::{load_run, scene_of_run};
+use super::{load_model, load_run, scene_of_run};
 use crate::args::{Animation, Cameras, RenderArgs, UpAxis};
 use crate::progress::Progress;
 
@@ -26,7 +26,7 @@ const ORBIT_DISTANCE: f64 = 2.2;
 /// Renders and writes.
 pub fn run(args: &RenderArgs) -> Result<ExitCode> {
     let checkpoint = load_run(&args.run)?;
-    let model = Model::load(&checkpoint, &args.backend.backend.device())?;
+    let model = load_model(&checkpoint, args.object, &args.backend.backend.device())?;
     let object_to_world = checkpoint.header.object_to_world;
     let needs_scene = args.cameras == Cameras::Dataset || (args.up.is_none() && args.cameras == Cameras::Orbit);
     let scene = if needs_scene { Some(scene_of_run(&checkpoint, args.data.as_ref())) } else { None };
