@@ -32,6 +32,7 @@ fn main() -> ExitCode {
         Command::Synth(args) => commands::synth::run(&args),
         Command::Export(args) => commands::export::run(&args),
         Command::Import(args) => commands::import::run(&args),
+        Command::Predict(args) => commands::predict::run(&args),
     };
     match result {
         Ok(code) => code,

@@ -6,7 +6,7 @@ use burn::module::{Module, ModuleVisitor, Param};
 use burn::optim::{AdamState, AdaptiveMomentumState, GradientsParams, LearningRate, ModuleOptimizer, Optimizer};
 use burn::tensor::{Device, Tensor, TensorData};
 use dvr_core::Similarity;
-use dvr_core::dataset::ReadOptions;
+use dvr_core::dataset::{ObjectOptions, ReadOptions};
 use dvr_model::{AdamMoments, Codes, Encoder, EncoderConfig, ImageModel, Imported, ImportedNetwork, PytorchCheckpoint};
 
 use crate::checkpoint::{CHECKPOINT_VERSION, Checkpoint, CheckpointHeader, LearnerState};
@@ -38,6 +38,19 @@ pub struct ImportedScene {
     pub reading: serde_json::Value,
     /// Takes object space to the world of the scene's files.
     pub object_to_world: Similarity,
+}
+
+impl ImportedScene {
+    /// Nothing is known but how it is to be read, should somebody say where it lies.
+    fn unknown(method: &Method, reading: ReadOptions) -> Result<Self> {
+        let visual_hull_depth = reading.visual_hull_depth;
+        let reading = match method {
+            Method::Objects(_) => serde_json::to_value(ObjectOptions { visual_hull_depth, ..ObjectOptions::default() }),
+            _ => serde_json::to_value(reading),
+        };
+        let reading = reading.map_err(|e| Error::Config(e.to_string()))?;
+        Ok(Self { path: PathBuf::new(), reading, object_to_world: Similarity::default() })
+    }
 }
 
 /// The checkpoint of a run that stands where the original's stood: network, Adam's moments and step.
@@ -87,9 +100,7 @@ pub fn import(found: &mut PytorchCheckpoint, options: ImportOptions, device: &De
         found.notes.extend(config.notes);
         config.reading
     });
-    let reading = serde_json::to_value(reading).map_err(|e| Error::Config(e.to_string()))?;
-    let scene =
-        scene.unwrap_or(ImportedScene { path: PathBuf::new(), reading, object_to_world: Similarity::default() });
+    let scene = scene.map_or_else(|| ImportedScene::unknown(&method, reading), Ok)?;
     let header = CheckpointHeader {
         version: CHECKPOINT_VERSION,
         method,

@@ -55,6 +55,7 @@ mod model;
 mod objective;
 mod objects;
 mod original_config;
+mod predict;
 pub mod preview;
 mod run;
 mod sparse;
@@ -82,6 +83,7 @@ pub use objects::{
     judged_input, merge_results, read_results, to_markdown, train_objects, write_summaries,
 };
 pub use original_config::OriginalConfig;
+pub use predict::{Prediction, predict};
 pub use run::{Observer, RunFolder, RunOptions, Stop, Trained, train};
 pub use sparse::SparseTargets;
 pub use trainer::{StepReport, Trainer, ViewSplit};

@@ -4,7 +4,8 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
-use dvr_core::dataset::{Normalise, ReadOptions, is_object_dataset, read_scene};
+use dvr_core::Similarity;
+use dvr_core::dataset::{Normalise, ObjectOptions, ReadOptions, is_object_dataset, read_scene};
 use dvr_core::npz::NpzFile;
 use dvr_model::{ImportedNetwork, PytorchCheckpoint, read_pytorch};
 use dvr_train::{ImportOptions, ImportedScene, OriginalConfig, RunFolder, import};
@@ -100,8 +101,15 @@ fn scene_of(data: &Path, args: &ImportArgs, config: Option<&OriginalConfig>) -> 
         options.visual_hull_depth |= config.reading.visual_hull_depth;
         options.ignored_views.extend(config.reading.ignored_views.clone());
     }
-    let reading = serde_json::to_value(&options)?;
-    let object_to_world =
-        if is_object_dataset(data)? { Default::default() } else { read_scene(data, &options)?.object_to_world };
-    Ok(ImportedScene { path: data.to_owned(), reading, object_to_world })
+    let path = data.to_owned();
+    if is_object_dataset(data)? {
+        let options = ObjectOptions { visual_hull_depth: options.visual_hull_depth, ..ObjectOptions::default() };
+        return Ok(ImportedScene {
+            path,
+            reading: serde_json::to_value(options)?,
+            object_to_world: Similarity::default(),
+        });
+    }
+    let object_to_world = read_scene(data, &options)?.object_to_world;
+    Ok(ImportedScene { path, reading: serde_json::to_value(options)?, object_to_world })
 }

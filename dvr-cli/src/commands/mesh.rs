@@ -17,11 +17,10 @@ pub fn run(args: &MeshArgs) -> Result<ExitCode> {
     let checkpoint = load_run(&args.run)?;
     let model = load_model(&checkpoint, args.object, &args.backend.backend.device())?;
     // The scene helps to find thin parts and gives sharp colours; a run can be meshed without it.
-    // What knows many objects was trained on many folders: none of them is the scene.
-    let scene = match &checkpoint.header.method {
-        Method::Objects(_) => None,
-        _ => Some(scene_of_run(&checkpoint, args.data.as_ref())),
-    };
+    // What knows many objects was trained on many folders, and what was imported may know of none.
+    let has_scene = !matches!(checkpoint.header.method, Method::Objects(_))
+        && (args.data.is_some() || !checkpoint.header.scene.as_os_str().is_empty());
+    let scene = has_scene.then(|| scene_of_run(&checkpoint, args.data.as_ref()));
     let views = match &scene {
         None => Vec::new(),
         Some(Ok(scene)) => ViewSplit::new(scene, checkpoint.header.method.hold_out_every())?.train,

@@ -6,6 +6,7 @@ pub mod export;
 pub mod import;
 pub mod info;
 pub mod mesh;
+pub mod predict;
 pub mod render;
 pub mod synth;
 pub mod train;
