@@ -166,7 +166,7 @@ pub struct TrainArgs {
     /// Seed of all random choices [default: 0]
     #[arg(long, value_name = "N", help_heading = "Training")]
     pub seed: Option<u64>,
-    /// JSON file with configuration values that replace the defaults
+    /// JSON file with configuration values that replace the defaults, or a YAML configuration of the original PyTorch code
     #[arg(long, value_name = "FILE", help_heading = "Training")]
     pub config: Option<PathBuf>,
     /// One configuration value, e.g. --set losses.roughness=1; may be given several times
@@ -195,6 +195,9 @@ pub struct ObjectsArgs {
     /// Dataset with the encoder's pictures, under the same category and object, e.g. the 3D-R2N2 renders [default: the objects' own]
     #[arg(long, value_name = "DIR")]
     pub inputs: Option<PathBuf>,
+    /// Start the encoder from a trained ResNet-18: torchvision's .pth, or a checkpoint of the original
+    #[arg(long, value_name = "FILE")]
+    pub pretrained: Option<PathBuf>,
 }
 
 impl ObjectsArgs {
@@ -525,9 +528,9 @@ pub struct PredictArgs {
     /// Cut a square around the object, a tenth of its size wider on each side; needs alpha, --masks or --background
     #[arg(long, help_heading = "Finding the object")]
     pub crop: bool,
-    /// Grid cells along an edge of the object's cube
-    #[arg(long, default_value_t = 128, value_parser = clap::value_parser!(u32).range(8..=2048), value_name = "N", help_heading = "Mesh")]
-    pub resolution: u32,
+    /// Grid cells along an edge of the object's cube [default: 128]
+    #[arg(long, value_parser = clap::value_parser!(u32).range(8..=2048), value_name = "N", help_heading = "Mesh")]
+    pub resolution: Option<u32>,
     /// Drop pieces smaller than this share of the largest piece's area; 0 keeps everything
     #[arg(long, default_value_t = 0.01, value_name = "SHARE", help_heading = "Mesh")]
     pub min_piece: f64,

@@ -7,7 +7,9 @@ use burn::optim::{AdamState, AdaptiveMomentumState, GradientsParams, LearningRat
 use burn::tensor::{Device, Tensor, TensorData};
 use dvr_core::Similarity;
 use dvr_core::dataset::{ObjectOptions, ReadOptions};
-use dvr_model::{AdamMoments, Codes, Encoder, EncoderConfig, ImageModel, Imported, ImportedNetwork, PytorchCheckpoint};
+use dvr_model::{
+    AdamMoments, Codes, DecoderConfig, Encoder, EncoderConfig, ImageModel, Imported, ImportedNetwork, PytorchCheckpoint,
+};
 
 use crate::checkpoint::{CHECKPOINT_VERSION, Checkpoint, CheckpointHeader, LearnerState};
 use crate::config::{Supervision, TrainConfig};
@@ -71,14 +73,16 @@ pub fn import(found: &mut PytorchCheckpoint, options: ImportOptions, device: &De
                 return Err(Error::Config("the file has an encoder, which makes the codes: leave --codes away".into()));
             }
             let encoder = with_image_size(model.encoder.clone(), config.as_ref());
-            let train = TrainConfig { model: model.decoder.clone(), ..settings(config.as_ref(), found.learning_rate) };
-            (of_objects(config.as_ref(), encoder, train), state_of(network, adam.as_ref())?)
+            let method = of_objects(config.as_ref(), encoder, model.decoder.clone(), found.learning_rate);
+            (method, state_of(network, adam.as_ref())?)
         }
         ImportedNetwork::Decoder(imported) => {
             let Imported { config: model, network, adam } = imported.as_ref();
-            let train = TrainConfig { model: model.clone(), ..settings(config.as_ref(), found.learning_rate) };
             match (model.code_dim, codes) {
-                (0, None) => (Method::Network(train), state_of(network, adam.as_ref())?),
+                (0, None) => {
+                    let method = of_scene(config.as_ref(), model.clone(), found.learning_rate);
+                    (method, state_of(network, adam.as_ref())?)
+                }
                 (0, Some(_)) => return Err(Error::Config("the decoder takes no codes: leave --codes away".into())),
                 (length, None) => {
                     return Err(Error::Config(format!(
@@ -89,8 +93,9 @@ pub fn import(found: &mut PytorchCheckpoint, options: ImportOptions, device: &De
                 (length, Some(codes)) => {
                     let encoder = EncoderConfig::Codes { objects: codes.len() };
                     let weight = Param::from_tensor(table(&codes, length, device)?);
+                    let method = of_objects(config.as_ref(), encoder, model.clone(), found.learning_rate);
                     let model = ImageModel { encoder: Encoder::Codes(Codes { weight }), decoder: network.clone() };
-                    (of_objects(config.as_ref(), encoder, train), state_of(&model, adam.as_ref())?)
+                    (method, state_of(&model, adam.as_ref())?)
                 }
             }
         }
@@ -115,13 +120,35 @@ pub fn import(found: &mut PytorchCheckpoint, options: ImportOptions, device: &De
     Ok(Checkpoint { header, state })
 }
 
-/// How training would go on: as the original's configuration has it, with the step size that its optimiser had last.
-fn settings(config: Option<&OriginalConfig>, learning_rate: Option<f64>) -> TrainConfig {
-    let mut train = config.map_or_else(|| TrainConfig::classic(Supervision::Rgb), |config| config.train.clone());
-    train.learning_rate = learning_rate.filter(|rate| *rate > 0.0).unwrap_or(train.learning_rate);
-    // The original has no last step: its sampling schedule ends at 250 000.
-    train.steps = train.steps.max(ObjectsConfig::classic(Supervision::Rgb).train.steps);
-    train
+/// How training of one scene would go on: as the original's configuration has it.
+fn of_scene(config: Option<&OriginalConfig>, model: DecoderConfig, learning_rate: Option<f64>) -> Method {
+    let base = match config.map(OriginalConfig::method) {
+        Some(Method::Network(train)) => train,
+        _ => TrainConfig::classic(Supervision::Rgb),
+    };
+    Method::Network(going_on(TrainConfig { model, ..base }, learning_rate))
+}
+
+/// The same for a model of many objects.
+fn of_objects(
+    config: Option<&OriginalConfig>,
+    encoder: EncoderConfig,
+    model: DecoderConfig,
+    learning_rate: Option<f64>,
+) -> Method {
+    let base = match config.map(OriginalConfig::method) {
+        Some(Method::Objects(objects)) => objects,
+        _ => ObjectsConfig::classic(Supervision::Rgb),
+    };
+    let train = going_on(TrainConfig { model, ..base.train.clone() }, learning_rate);
+    Method::Objects(ObjectsConfig { encoder, train, ..base })
+}
+
+/// With the step size that the optimiser had last, and with no last step but the end of the original's sampling schedule.
+fn going_on(train: TrainConfig, learning_rate: Option<f64>) -> TrainConfig {
+    let learning_rate = learning_rate.filter(|rate| *rate > 0.0).unwrap_or(train.learning_rate);
+    let steps = train.steps.max(ObjectsConfig::classic(train.supervision).train.steps);
+    TrainConfig { learning_rate, steps, ..train }
 }
 
 /// The image size is not in the tensors: the configuration's, where there is one.
@@ -134,18 +161,6 @@ fn with_image_size(found: EncoderConfig, config: Option<&OriginalConfig>) -> Enc
         }
         (found, _) => found,
     }
-}
-
-/// The method of a model of many objects.
-fn of_objects(config: Option<&OriginalConfig>, encoder: EncoderConfig, train: TrainConfig) -> Method {
-    let classic = ObjectsConfig::classic(train.supervision);
-    Method::Objects(ObjectsConfig {
-        encoder,
-        objects: config.map_or(classic.objects, |config| config.images_a_step),
-        one_view: config.is_some_and(|config| config.one_view),
-        train,
-        ..classic
-    })
 }
 
 /// Codes as a tensor `[objects, length]`.
@@ -230,5 +245,77 @@ impl ModuleVisitor for Collector {
         if !self.path.last().is_some_and(is_statistic) {
             self.gradients.register(param.id, param.val().inner());
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use burn::module::ModuleMapper;
+    use dvr_model::Decoder;
+
+    use super::*;
+    use crate::learner::{restore_module, restore_optimizer};
+
+    /// Every parameter at one value.
+    struct Constant(f64);
+
+    impl ModuleMapper for Constant {
+        fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
+            param.map(|tensor| tensor.zeros_like() + self.0)
+        }
+    }
+
+    fn found(code_dim: usize) -> PytorchCheckpoint {
+        let config = DecoderConfig::new().with_hidden(4).with_blocks(1).with_code_dim(code_dim);
+        let network = config.init(&Device::flex());
+        let moment = |value| network.clone().map(&mut Constant(value));
+        let adam = AdamMoments { steps: 10, first: moment(0.1), second: moment(0.04) };
+        PytorchCheckpoint {
+            network: ImportedNetwork::Decoder(Box::new(Imported { config, network, adam: Some(adam) })),
+            epoch: Some(3),
+            iteration: Some(9),
+            best_validation: None,
+            learning_rate: Some(0.01),
+            notes: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn training_goes_on_with_the_moments_of_the_file() {
+        let checkpoint = import(&mut found(0), ImportOptions::default(), &Device::flex()).unwrap();
+        let Method::Network(config) = &checkpoint.header.method else { panic!("one scene") };
+        assert_eq!((checkpoint.header.step, config.learning_rate), (10, 0.01));
+        let tracking = Device::flex().autodiff();
+        let decoder: Decoder = restore_module(&checkpoint.state.model, config.model.init(&tracking)).unwrap();
+        let mut optimizer = restore_optimizer(&checkpoint.state.training, adam()).unwrap();
+        let gradients = as_gradients(&decoder.clone().map(&mut Constant(1.0)));
+        let before = decoder.fc_p.weight.val().inner();
+        let after = optimizer.step(0.01, decoder, gradients).fc_p.weight.val().inner();
+        // Adam's eleventh step: m = .9 * .1 + .1, v = .999 * .04 + .001.
+        let (m, v) = (0.19 / (1.0 - 0.9f64.powi(11)), (0.999 * 0.04 + 0.001) / (1.0 - 0.999f64.powi(11)));
+        let expected = 0.01 * m / v.sqrt();
+        for moved in (before - after).into_data().iter::<f64>() {
+            assert!((moved - expected).abs() < 1e-6, "{moved} {expected}");
+        }
+    }
+
+    #[test]
+    fn codes_make_a_model_of_many_objects_and_must_fit() {
+        let with = |codes| ImportOptions { codes, ..ImportOptions::default() };
+        let codes = vec![vec![0.5, 1.0], vec![2.0, 3.0]];
+        let checkpoint = import(&mut found(2), with(Some(codes.clone())), &Device::flex()).unwrap();
+        let Method::Objects(config) = &checkpoint.header.method else { panic!("many objects") };
+        assert_eq!(config.encoder, EncoderConfig::Codes { objects: 2 });
+        let model = restore_module(&checkpoint.state.model, config.image_model().init(&Device::flex())).unwrap();
+        let Encoder::Codes(table) = model.encoder else { panic!("codes") };
+        assert_eq!(table.weight.val().into_data().iter::<f32>().collect::<Vec<_>>(), codes.concat());
+
+        let refusal = |code_dim, codes| {
+            import(&mut found(code_dim), with(codes), &Device::flex()).map(|_| ()).unwrap_err().to_string()
+        };
+        assert!(refusal(2, None).contains("length 2"));
+        assert!(refusal(0, Some(codes.clone())).contains("no codes"));
+        assert!(refusal(3, Some(codes)).contains("length 3"));
+        assert!(refusal(2, Some(Vec::new())).contains("no codes in"));
     }
 }

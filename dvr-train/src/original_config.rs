@@ -9,6 +9,8 @@ use serde_json::Value;
 
 use crate::config::{LossWeights, Supervision, TrainConfig};
 use crate::error::{Error, Result};
+use crate::method::Method;
+use crate::objects::ObjectsConfig;
 
 /// What a configuration of the original says that has a meaning here.
 #[derive(Clone, Debug, PartialEq)]
@@ -68,6 +70,21 @@ impl OriginalConfig {
         let mut keys = Keys { values: BTreeMap::new(), path: path.to_owned() };
         inherit(path, &mut keys.values, MOST_ANCESTORS)?;
         keys.translate()
+    }
+
+    /// The method that the configuration describes.
+    pub fn method(&self) -> Method {
+        let train = self.train.clone();
+        match &self.encoder {
+            None => Method::Network(TrainConfig { rays: train.rays * self.images_a_step, ..train }),
+            Some(encoder) => Method::Objects(ObjectsConfig {
+                encoder: encoder.clone(),
+                objects: self.images_a_step,
+                one_view: self.one_view,
+                train,
+                ..ObjectsConfig::classic(self.train.supervision)
+            }),
+        }
     }
 }
 

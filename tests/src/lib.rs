@@ -3,12 +3,16 @@
 //! `../shared` holds arrays that the PyTorch original computed, and scenes. It is not part of the project: where it is
 //! missing, tests say that they were skipped, and pass.
 
+mod pytorch_file;
+
 use std::path::PathBuf;
 
 use burn::module::{Module, ModuleMapper, Param};
 use burn::tensor::{DType, Device, FloatDType, Tensor, TensorData};
 use dvr_core::npz::NpzFile;
 use dvr_model::{Decoder, DecoderConfig};
+
+pub use pytorch_file::{Entry, write_pytorch};
 
 /// The folder beside the checkout, or `None` (with a line of output) where it is missing.
 pub fn shared(part: &str) -> Option<PathBuf> {

@@ -127,3 +127,137 @@ fn adams_moments_are_those_of_the_file_in_the_files_order() {
         }
     }
 }
+
+/// A network's tensors as a state dict, by way of the safetensors file that it exports.
+fn state_dict<C: NetworkConfig>(network: &C::Network, config: &C) -> Vec<(String, Vec<usize>, Vec<f32>)> {
+    let bytes = to_safetensors(network, config).unwrap();
+    let file = safetensors::SafeTensors::deserialize(&bytes).unwrap();
+    let floats = file.iter().filter(|(_, tensor)| tensor.dtype() == safetensors::Dtype::F32);
+    let tensors = floats.map(|(name, tensor)| {
+        let values = tensor.data().chunks_exact(4).map(|b| f32::from_le_bytes(b.try_into().unwrap())).collect();
+        (name.to_owned(), tensor.shape().to_vec(), values)
+    });
+    let mut tensors: Vec<_> = tensors.collect();
+    tensors.sort_by(|a, b| a.0.cmp(&b.0));
+    tensors
+}
+
+/// Writes tensors as the original writes a checkpoint, and reads it.
+fn read_model(tensors: Vec<(String, Vec<usize>, Vec<f32>)>) -> Result<PytorchCheckpoint, RecordError> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("model.pt");
+    let entries = vec![("model".to_owned(), Entry::tensors(tensors)), ("it".to_owned(), Entry::Whole(7))];
+    write_pytorch(&path, &Entry::Dict(entries));
+    read_pytorch(&path, true, &Device::flex())
+}
+
+fn small() -> ImageModelConfig {
+    let decoder = DecoderConfig::new().with_code_dim(3).with_hidden(4).with_blocks(2).with_leaky(true);
+    ImageModelConfig { encoder: EncoderConfig::Convolutional { image_size: 224, width: 2 }, decoder }
+}
+
+#[test]
+fn encoder_and_decoder_come_out_as_they_went_in_and_the_shapes_tell_the_configuration() {
+    let kinds = [small().encoder, EncoderConfig::Codes { objects: 5 }, EncoderConfig::Resnet18 { image_size: 224 }];
+    for encoder in kinds {
+        let config = ImageModelConfig { encoder, ..small() };
+        let tensors = state_dict(&config.init(&Device::flex()), &config);
+        let checkpoint = read_model(tensors.clone()).unwrap();
+        assert_eq!(checkpoint.iteration, Some(7));
+        let ImportedNetwork::ImageModel(imported) = checkpoint.network else { panic!("it has an encoder") };
+        assert_eq!(imported.config, config);
+        assert!(state_dict(&imported.network, &config) == tensors);
+        assert!(imported.adam.is_none());
+    }
+}
+
+#[test]
+fn a_network_without_texture_is_grey() {
+    let config = small();
+    let mut tensors = state_dict(&config.init(&Device::flex()), &config);
+    for (name, shape, values) in &mut tensors {
+        if name.starts_with("decoder.fc_out") {
+            values.truncate(values.len() / 4);
+            shape[0] = 1;
+        }
+    }
+    let checkpoint = read_model(tensors).unwrap();
+    assert!(checkpoint.notes[0].contains("no texture"), "{:?}", checkpoint.notes);
+    let ImportedNetwork::ImageModel(imported) = checkpoint.network else { panic!("it has an encoder") };
+    let points = tensor3(&[[0.1, 0.2, 0.3]], &Device::flex());
+    let out = numbers(imported.network.decoder.forward(points, Some(Tensor::ones([1, 3], &Device::flex()))));
+    assert!(out[0] != 0.0 && out[1..] == [0.0; 3], "{out:?}");
+}
+
+#[test]
+fn tensors_that_are_not_those_of_the_original_are_named() {
+    let config = small();
+    let good = state_dict(&config.init(&Device::flex()), &config);
+    let refusal = |change: &dyn Fn(&mut Vec<(String, Vec<usize>, Vec<f32>)>)| {
+        let mut tensors = good.clone();
+        change(&mut tensors);
+        read_model(tensors).map(|_| ()).unwrap_err().to_string()
+    };
+    let cases: [(&dyn Fn(&mut Vec<(String, Vec<usize>, Vec<f32>)>), &str); 6] = [
+        (&|t| t.retain(|(name, ..)| name != "decoder.blocks.1.fc_1.bias"), "blocks.1.fc_1.bias"),
+        (&|t| t.push(("decoder.fc_z.weight".into(), vec![1], vec![0.0])), "decoder.fc_z.weight"),
+        (&|t| t.retain(|(name, ..)| !name.starts_with("decoder.")), "no decoder"),
+        (&|t| t.retain(|(name, ..)| !name.starts_with("encoder.conv0")), "no encoder that is known"),
+        (&|t| t.push(("encoder.conv4.bias".into(), vec![2], vec![0.0; 2])), "encoder.conv4.bias"),
+        (&|t| t.push(("decoder.fc_p.weight".into(), vec![4, 9], vec![0.0; 36])), "takes 9 inputs"),
+    ];
+    for (change, named) in cases {
+        let message = refusal(change);
+        assert!(message.contains(named), "{named}: {message}");
+    }
+    let larger = refusal(&|t| {
+        t.retain(|(name, ..)| name.starts_with("decoder."));
+        t.push(("encoder.features.layer1.0.conv1.weight".into(), vec![1], vec![0.0]));
+        t.push(("encoder.features.layer1.2.conv1.weight".into(), vec![1], vec![0.0]));
+    });
+    assert!(larger.contains("larger ResNet"), "{larger}");
+}
+
+#[test]
+fn a_checkpoint_that_is_cut_short_is_refused() {
+    for ending in ["", "_legacy"] {
+        let Some(path) = fixture(&format!("decoder_c0_h64{ending}.pt")) else { return };
+        let bytes = std::fs::read(path).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        for share in [1, 5, 9] {
+            let path = folder.path().join("cut.pt");
+            std::fs::write(&path, &bytes[..bytes.len() * share / 10]).unwrap();
+            let message = read_pytorch(&path, false, &Device::flex()).map(|_| ()).unwrap_err().to_string();
+            assert!(message.contains("not a readable file of tensors"), "{message}");
+        }
+    }
+}
+
+#[test]
+fn an_encoder_starts_from_torchvisions_features_whatever_the_classifier() {
+    let device = Device::flex();
+    let config = ImageModelConfig { encoder: EncoderConfig::default(), ..small() };
+    let donor = config.init(&device);
+    let prefix = "encoder.features.";
+    let features = state_dict(&donor, &config).into_iter().filter(|(name, ..)| name.starts_with(prefix));
+    let features: Vec<_> =
+        features.map(|(name, shape, values)| (name[prefix.len()..].to_owned(), shape, values)).collect();
+    let mut file = features.clone();
+    file.push(("fc.weight".into(), vec![10, 512], vec![0.5; 5120]));
+    file.push(("fc.bias".into(), vec![10], vec![0.5; 10]));
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("resnet18.pth");
+    write_pytorch(&path, &Entry::tensors(file));
+
+    let mut model = config.init(&device);
+    let last =
+        |model: &ImageModel| state_dict(model, &config).into_iter().find(|t| t.0 == "encoder.fc.weight").unwrap();
+    let before = last(&model);
+    model.encoder = load_pretrained(model.encoder, &path, &device).unwrap();
+    assert!(last(&model) == before, "the last layer is not the classifier");
+    let taken = state_dict(&model, &config).into_iter().filter(|(name, ..)| name.starts_with(prefix));
+    assert!(taken.map(|(name, shape, values)| (name[prefix.len()..].to_owned(), shape, values)).eq(features));
+
+    let other = small().init(&device).encoder;
+    assert!(load_pretrained(other, &path, &device).unwrap_err().to_string().contains("is another"));
+}

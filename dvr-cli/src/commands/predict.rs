@@ -12,6 +12,7 @@ use dvr_core::mesh::write_mesh;
 use dvr_train::{MeshOptions, ObjectModel, Observer, predict};
 use image::RgbImage;
 
+use super::eval_objects::OBJECT_RESOLUTION;
 use super::{load_run, mesh_options};
 use crate::args::{Colors, MeshingArgs, PredictArgs};
 use crate::progress::Progress;
@@ -45,12 +46,13 @@ pub fn run(args: &PredictArgs) -> Result<ExitCode> {
     let tasks = tasks(args)?;
     let masks = args.masks.as_deref().map(masks_by_stem).transpose()?;
     std::fs::create_dir_all(&args.out).with_context(|| args.out.display().to_string())?;
-    let options = mesh_options(&MeshingArgs {
+    let meshing = MeshingArgs {
         resolution: args.resolution,
         min_piece: args.min_piece,
         simplify: args.simplify,
         colors: Colors::Field,
-    });
+    };
+    let options = mesh_options(&meshing, OBJECT_RESOLUTION);
 
     let mut progress = Progress::new();
     progress.phase("predicting", tasks.len());
