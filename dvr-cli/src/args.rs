@@ -140,7 +140,7 @@ pub struct TrainArgs {
     #[arg(long, short, value_name = "DIR", required_unless_present = "print_config")]
     pub out: Option<PathBuf>,
     /// Continue the run in --out from its last checkpoint
-    #[arg(long, conflicts_with_all = ["overwrite", "config", "set", "supervision", "steps", "seed", "method", "capacity", "max_bytes", "categories", "inputs"])]
+    #[arg(long, conflicts_with_all = ["overwrite", "config", "set", "supervision", "steps", "seed", "method", "capacity", "max_bytes", "categories", "inputs", "pretrained"])]
     pub resume: bool,
     /// Replace the run in --out
     #[arg(long)]

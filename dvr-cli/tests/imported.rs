@@ -103,6 +103,11 @@ fn a_network_of_one_scene_is_meshed_rendered_and_exported_without_the_scene() {
     refuses(&dvr(&["import", text(&file), "--out", text(&run)]), &["already holds a run", "--overwrite"]);
     succeeds(&dvr(&["import", text(&file), "--out", text(&run), "--overwrite"]));
     refuses(&dvr(&["eval", text(&run)]), &["--data"]);
+    let scene = tiny.scene();
+    assert!(
+        succeeds(&dvr(&["eval", text(&run), "--data", text(&scene), "--resolution", "32", "--no-views"]))
+            .contains("IoU")
+    );
     refuses(&dvr(&["mesh", text(&run), "--object", "0"]), &["no learned codes"]);
     refuses(&dvr(&["predict", text(&run), "x.png", "--out", "x"]), &["takes no pictures"]);
 }

@@ -1,6 +1,7 @@
 //! From one picture of an unknown object to its mesh.
 
 use dvr_core::mesh::Mesh;
+use dvr_render::extract::FieldSurface;
 use dvr_render::{MeshShader, Shader, render_view};
 use glam::DVec3;
 use image::RgbImage;
@@ -9,7 +10,6 @@ use image::imageops::{FilterType, resize};
 use crate::error::Result;
 use crate::export::{MeshOptions, object_mesh};
 use crate::finish::extraction_warnings;
-use crate::model::Model;
 use crate::objects::ObjectModel;
 use crate::preview::{normal_picture, orbit_camera, sheet, to_rgb8};
 
@@ -36,8 +36,8 @@ const SIDES: [(f64, f64); 2] = [(30.0, 20.0), (210.0, 20.0)];
 /// When the model takes no pictures, or sees no surface in this one.
 pub fn predict(model: &ObjectModel, picture: &RgbImage, options: &MeshOptions) -> Result<Prediction> {
     model.picture_size()?;
-    let field = Model::of_field(model.field_of_picture(picture));
-    let extracted = object_mesh(&field, options, &[], &[])?;
+    let field = model.field_of_picture(picture);
+    let extracted = object_mesh(&FieldSurface::new(&field), options, &[], &[])?;
     let preview = preview_of(picture, &extracted.mesh);
     Ok(Prediction { warnings: extraction_warnings(&extracted), mesh: extracted.mesh, preview })
 }

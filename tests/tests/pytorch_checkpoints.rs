@@ -258,6 +258,14 @@ fn an_encoder_starts_from_torchvisions_features_whatever_the_classifier() {
     let taken = state_dict(&model, &config).into_iter().filter(|(name, ..)| name.starts_with(prefix));
     assert!(taken.map(|(name, shape, values)| (name[prefix.len()..].to_owned(), shape, values)).eq(features));
 
+    // And it is trained on from there.
+    let tracking = device.clone().autodiff();
+    let Encoder::Resnet18(trained) = load_pretrained(config.init(&tracking).encoder, &path, &tracking).unwrap() else {
+        panic!("as configured");
+    };
+    let gradients = trained.forward(Tensor::ones([1, 3, 32, 32], &tracking)).sum().backward();
+    assert!(trained.features.conv1.weight.val().grad(&gradients).is_some());
+
     let other = small().init(&device).encoder;
     assert!(load_pretrained(other, &path, &device).unwrap_err().to_string().contains("is another"));
 }

@@ -36,7 +36,12 @@ pub fn run(args: &MeshArgs) -> Result<ExitCode> {
     let mesh = if args.object_space {
         extracted.mesh
     } else {
-        world_mesh(&extracted.mesh, &checkpoint.header.object_to_world)
+        // That of the run, unless it was imported before anybody knew its scene.
+        let object_to_world = match &scene {
+            Some(Ok(scene)) => &scene.object_to_world,
+            _ => &checkpoint.header.object_to_world,
+        };
+        world_mesh(&extracted.mesh, object_to_world)
     };
     let folder = RunFolder::new(if args.run.is_dir() { args.run.clone() } else { parent(&args.run) });
     let targets = match &args.out {

@@ -42,13 +42,17 @@ pub fn load_model(checkpoint: &Checkpoint, object: Option<usize>, device: &Devic
 
 /// The scene of a run, read as it was for training and in the same object space; from `moved` if it was moved.
 pub fn scene_of_run(checkpoint: &Checkpoint, moved: Option<&PathBuf>) -> Result<Scene> {
-    let mut options: ReadOptions = serde_json::from_value(checkpoint.header.reading.clone())
-        .context("the checkpoint does not say how its scene was read")?;
-    options.normalise = Normalise::Given(checkpoint.header.object_to_world);
-    let path = moved.unwrap_or(&checkpoint.header.scene);
-    if path.as_os_str().is_empty() {
-        bail!("the run was imported without its scene: say with --data where it lies");
-    }
+    let header = &checkpoint.header;
+    let mut options: ReadOptions =
+        serde_json::from_value(header.reading.clone()).context("the checkpoint does not say how its scene was read")?;
+    let is_unknown = header.scene.as_os_str().is_empty();
+    // An imported network has the object space of the files, as the original takes it.
+    options.normalise = if is_unknown { Normalise::Files } else { Normalise::Given(header.object_to_world) };
+    let path = match moved {
+        Some(path) => path,
+        None if is_unknown => bail!("the run was imported without its scene: say with --data where it lies"),
+        None => &header.scene,
+    };
     read_scene(path, &options).with_context(|| format!("the run's scene, {}", path.display()))
 }
 

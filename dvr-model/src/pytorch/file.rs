@@ -26,6 +26,7 @@ pub(super) fn read_tensors(path: &Path, key: Option<&str>) -> Result<Tensors, Re
 pub(super) struct Pickle(HashMap<String, PickleValue>);
 
 impl Pickle {
+    /// Reads a file whose root is a dictionary.
     pub(super) fn read(path: &Path) -> Result<Self, RecordError> {
         std::fs::File::open(path).map_err(|e| dvr_core::Error::io(path, e))?;
         match PytorchReader::read_pickle_data(path, None).map_err(|e| RecordError::Container(e.to_string()))? {
@@ -34,6 +35,7 @@ impl Pickle {
         }
     }
 
+    /// What lies under a key of the root.
     pub(super) fn get(&self, key: &str) -> Option<&PickleValue> {
         self.0.get(key)
     }
@@ -77,9 +79,8 @@ pub(super) fn matrix(tensors: &Tensors, name: &str) -> Result<[usize; 2], Record
         .map_err(|shape| RecordError::Shape(format!("tensor {name:?} has the shape {shape:?}, a matrix is needed")))
 }
 
-/// A tensor whose name begins with another prefix.
-pub(super) fn renamed(mut tensor: NamedTensor, name: &str, from: &str, to: &str) -> (String, NamedTensor) {
-    let name = name.strip_prefix(from).map_or_else(|| name.to_owned(), |rest| format!("{to}{rest}"));
-    tensor.name.clone_from(&name);
-    (name, tensor)
+/// A tensor under another name.
+pub(super) fn renamed(mut tensor: NamedTensor, name: &str) -> (String, NamedTensor) {
+    tensor.name = name.to_owned();
+    (name.to_owned(), tensor)
 }

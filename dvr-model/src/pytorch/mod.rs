@@ -76,13 +76,16 @@ pub fn read_pytorch(path: &Path, leaky: bool, device: &Device) -> Result<Pytorch
         return Err(RecordError::Shape(if tensors.keys().any(|name| name.starts_with("encoder.")) {
             "the file holds an encoder and no decoder; it can start a training (--pretrained), but is no model".into()
         } else {
-            let names: Vec<_> = tensors.keys().take(3).cloned().collect();
-            format!("there are no tensors decoder.* as in a model of the original, but {}", names.join(", "))
+            let first = tensors.keys().min().map_or("nothing", String::as_str);
+            format!("there are no tensors decoder.* as in a model of the original; the first is {first:?}")
         }));
     }
     let has_encoder = tensors.keys().any(|name| name.starts_with("encoder."));
     if !is_bare_decoder && !has_encoder {
-        tensors = tensors.into_iter().map(|(name, tensor)| renamed(tensor, &name, "decoder.", "")).collect();
+        tensors = tensors
+            .into_iter()
+            .map(|(name, tensor)| renamed(tensor, name.strip_prefix("decoder.").unwrap_or(&name)))
+            .collect();
     }
     let prefix = if has_encoder { "decoder." } else { "" };
     let decoder = decoder_config(&tensors, prefix, leaky)?;
@@ -98,7 +101,7 @@ pub fn read_pytorch(path: &Path, leaky: bool, device: &Device) -> Result<Pytorch
         }
     }
     let network = if has_encoder {
-        let config = ImageModelConfig { encoder: encoder_config(&tensors)?, decoder };
+        let config = ImageModelConfig { encoder: encoder_config(&tensors, decoder.code_dim)?, decoder };
         config.check().map_err(|e| RecordError::Shape(e.to_string()))?;
         ImportedNetwork::ImageModel(Box::new(import(config, tensors, state, device, &mut notes)?))
     } else {
@@ -121,10 +124,7 @@ fn import<C: NetworkConfig>(
     state: Option<OptimizerState>,
     device: &Device,
     notes: &mut Vec<String>,
-) -> Result<Imported<C>, RecordError>
-where
-    C::Network: Clone,
-{
+) -> Result<Imported<C>, RecordError> {
     let network = fill(config.fresh(device), tensors.into_values().collect(), device)?;
     let adam = match state.map(|state| state.moments(&network, device)).transpose() {
         Ok(adam) => adam,
@@ -137,31 +137,50 @@ where
 }
 
 /// The configuration of a decoder, from the shapes of its tensors.
+///
+/// Tensors that the configuration makes large are compared with it here: a file that contradicts itself must not make
+/// anybody allocate what it does not hold.
 fn decoder_config(tensors: &Tensors, prefix: &str, leaky: bool) -> Result<DecoderConfig, RecordError> {
-    let extents = |name: &str| matrix(tensors, &format!("{prefix}{name}"));
-    let [hidden, inputs] = extents("fc_p.weight")?;
+    let [hidden, inputs] = matrix(tensors, &format!("{prefix}fc_p.weight"))?;
     if inputs != 3 {
         return Err(RecordError::Shape(format!("{prefix}fc_p takes {inputs} inputs, the original's takes 3")));
     }
     let blocks = (0..).take_while(|i| tensors.contains_key(&format!("{prefix}blocks.{i}.fc_0.weight"))).count();
-    let code_dim =
-        if tensors.contains_key(&format!("{prefix}fc_c.0.weight")) { extents("fc_c.0.weight")?[1] } else { 0 };
+    for i in 0..blocks {
+        expect(tensors, &format!("{prefix}blocks.{i}.fc_0.weight"), [hidden, hidden])?;
+    }
+    let code = format!("{prefix}fc_c.0.weight");
+    let code_dim = if tensors.contains_key(&code) { matrix(tensors, &code)?[1] } else { 0 };
+    if code_dim > 0 {
+        expect(tensors, &code, [hidden, code_dim])?;
+    }
     Ok(DecoderConfig::new().with_code_dim(code_dim).with_hidden(hidden).with_blocks(blocks).with_leaky(leaky))
 }
 
-/// The configuration of an encoder, from the names and shapes of its tensors.
-fn encoder_config(tensors: &Tensors) -> Result<EncoderConfig, RecordError> {
+/// The configuration of an encoder that makes codes of some length, from the names and shapes of its tensors.
+fn encoder_config(tensors: &Tensors, code_dim: usize) -> Result<EncoderConfig, RecordError> {
     let image_size = EncoderConfig::default().image_size().unwrap_or_default();
-    if tensors.contains_key("encoder.conv0.weight") {
-        let width = tensors["encoder.conv0.weight"].shape.first().copied().unwrap_or(0);
+    if let Some(first) = tensors.get("encoder.conv0.weight") {
+        let width = first.shape.first().copied().unwrap_or(0);
+        expect(tensors, "encoder.fc_out.weight", [code_dim, width.saturating_mul(16)])?;
         return Ok(EncoderConfig::Convolutional { image_size, width });
     }
     if tensors.contains_key("encoder.weight") {
         let [objects, _] = matrix(tensors, "encoder.weight")?;
+        expect(tensors, "encoder.weight", [objects, code_dim])?;
         return Ok(EncoderConfig::Codes { objects });
     }
     check_is_resnet18(tensors, "encoder.features.")?;
     Ok(EncoderConfig::Resnet18 { image_size })
+}
+
+/// Checks the extents of a matrix.
+fn expect(tensors: &Tensors, name: &str, extents: [usize; 2]) -> Result<(), RecordError> {
+    let found = matrix(tensors, name)?;
+    if found == extents {
+        return Ok(());
+    }
+    Err(RecordError::Shape(format!("tensor {name:?} has the shape {found:?}, the others ask for {extents:?}")))
 }
 
 /// Tells a ResNet-18 from its larger relatives, whose names are a superset of its own.

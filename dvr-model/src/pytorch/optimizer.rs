@@ -79,7 +79,7 @@ impl OptimizerState {
             for (name, number) in names.iter().zip(&self.numbers) {
                 let key = format!("state.{number}.{what}");
                 let tensor = self.tensors.get(&key).ok_or_else(|| format!("{key} is missing"))?;
-                let (name, tensor) = renamed(tensor.clone(), name, "", "");
+                let (name, tensor) = renamed(tensor.clone(), name);
                 tensors.insert(name, tensor);
             }
             fill(network.clone(), tensors.into_values().collect(), device).map_err(|e| e.to_string())

@@ -25,8 +25,8 @@ pub fn load_pretrained(encoder: Encoder, path: &Path, device: &Device) -> Result
     let key = ["model", "state_dict"].into_iter().find(|key| root.get(key).is_some());
     let tensors = read_tensors(path, key)?;
     let part = |prefix: &str| -> Tensors {
-        let inside = tensors.iter().filter(|(name, _)| name.starts_with(prefix));
-        inside.map(|(name, tensor)| renamed(tensor.clone(), name, prefix, "")).collect()
+        let inside = tensors.iter().filter_map(|(name, tensor)| Some((name.strip_prefix(prefix)?, tensor)));
+        inside.map(|(name, tensor)| renamed(tensor.clone(), name)).collect()
     };
     let ours = part("encoder.features.");
     let mut found = if ours.is_empty() { part("") } else { ours };
