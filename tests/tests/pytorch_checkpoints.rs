@@ -128,8 +128,11 @@ fn adams_moments_are_those_of_the_file_in_the_files_order() {
     }
 }
 
+/// Names, shapes and values of tensors.
+type StateDict = Vec<(String, Vec<usize>, Vec<f32>)>;
+
 /// A network's tensors as a state dict, by way of the safetensors file that it exports.
-fn state_dict<C: NetworkConfig>(network: &C::Network, config: &C) -> Vec<(String, Vec<usize>, Vec<f32>)> {
+fn state_dict<C: NetworkConfig>(network: &C::Network, config: &C) -> StateDict {
     let bytes = to_safetensors(network, config).unwrap();
     let file = safetensors::SafeTensors::deserialize(&bytes).unwrap();
     let floats = file.iter().filter(|(_, tensor)| tensor.dtype() == safetensors::Dtype::F32);
@@ -143,7 +146,7 @@ fn state_dict<C: NetworkConfig>(network: &C::Network, config: &C) -> Vec<(String
 }
 
 /// Writes tensors as the original writes a checkpoint, and reads it.
-fn read_model(tensors: Vec<(String, Vec<usize>, Vec<f32>)>) -> Result<PytorchCheckpoint, RecordError> {
+fn read_model(tensors: StateDict) -> Result<PytorchCheckpoint, RecordError> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("model.pt");
     let entries = vec![("model".to_owned(), Entry::tensors(tensors)), ("it".to_owned(), Entry::Whole(7))];
@@ -189,16 +192,19 @@ fn a_network_without_texture_is_grey() {
     assert!(out[0] != 0.0 && out[1..] == [0.0; 3], "{out:?}");
 }
 
+/// What is wrong with a state dict.
+type Change<'a> = &'a dyn Fn(&mut StateDict);
+
 #[test]
 fn tensors_that_are_not_those_of_the_original_are_named() {
     let config = small();
     let good = state_dict(&config.init(&Device::flex()), &config);
-    let refusal = |change: &dyn Fn(&mut Vec<(String, Vec<usize>, Vec<f32>)>)| {
+    let refusal = |change: Change| {
         let mut tensors = good.clone();
         change(&mut tensors);
         read_model(tensors).map(|_| ()).unwrap_err().to_string()
     };
-    let cases: [(&dyn Fn(&mut Vec<(String, Vec<usize>, Vec<f32>)>), &str); 6] = [
+    let cases: [(Change, &str); 6] = [
         (&|t| t.retain(|(name, ..)| name != "decoder.blocks.1.fc_1.bias"), "blocks.1.fc_1.bias"),
         (&|t| t.push(("decoder.fc_z.weight".into(), vec![1], vec![0.0])), "decoder.fc_z.weight"),
         (&|t| t.retain(|(name, ..)| !name.starts_with("decoder.")), "no decoder"),
