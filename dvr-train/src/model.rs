@@ -45,9 +45,11 @@ impl Model {
                 EncoderConfig::Codes { objects } => {
                     format!("this run knows {objects} objects by their codes: say which with --object N, from 0")
                 }
-                _ => "this run learned many objects and needs a picture to know which: use `dvr predict RUN IMAGE`, or \
+                _ => {
+                    "this run learned many objects and needs a picture to know which: use `dvr predict RUN IMAGE`, or \
                       `dvr eval RUN --data DATASET`"
-                    .into(),
+                        .into()
+                }
             })),
             Method::Lattice(_) => {
                 let field = lattice_file::from_bytes(&checkpoint.state.model);

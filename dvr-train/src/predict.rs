@@ -37,7 +37,7 @@ const SIDES: [(f64, f64); 2] = [(30.0, 20.0), (210.0, 20.0)];
 pub fn predict(model: &ObjectModel, picture: &RgbImage, options: &MeshOptions) -> Result<Prediction> {
     model.picture_size()?;
     let field = model.field_of_picture(picture);
-    let extracted = object_mesh(&FieldSurface::new(&field), options, &[], &[])?;
+    let extracted = object_mesh(&FieldSurface::new(field), options, &[], &[])?;
     let preview = preview_of(picture, &extracted.mesh);
     Ok(Prediction { warnings: extraction_warnings(&extracted), mesh: extracted.mesh, preview })
 }
