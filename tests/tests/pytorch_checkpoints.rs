@@ -273,5 +273,5 @@ fn an_encoder_starts_from_torchvisions_features_whatever_the_classifier() {
     assert!(trained.features.conv1.weight.val().grad(&gradients).is_some());
 
     let other = small().init(&device).encoder;
-    assert!(load_pretrained(other, &path, &device).unwrap_err().to_string().contains("is another"));
+    assert!(load_pretrained(other, &path, &device).unwrap_err().to_string().contains("the encoder is another"));
 }

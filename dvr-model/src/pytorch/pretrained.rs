@@ -19,7 +19,9 @@ use crate::tensors::fill;
 /// When the encoder is not a ResNet-18, or the file cannot be read or holds something else.
 pub fn load_pretrained(encoder: Encoder, path: &Path, device: &Device) -> Result<Encoder, RecordError> {
     let Encoder::Resnet18(Resnet18 { features, fc }) = encoder else {
-        return Err(RecordError::Shape("pretrained features are those of a ResNet-18; the encoder is another".into()));
+        return Err(RecordError::Shape(
+            "pretrained features are for a ResNet-18, and the encoder is another: --set encoder.kind=resnet18".into(),
+        ));
     };
     let root = Pickle::read(path)?;
     let key = ["model", "state_dict"].into_iter().find(|key| root.get(key).is_some());
