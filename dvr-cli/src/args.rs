@@ -45,6 +45,10 @@ pub enum Command {
     Synth(SynthArgs),
     /// Write the network of a run as safetensors, with PyTorch names and layout
     Export(ExportArgs),
+    /// Make a run of a checkpoint of the original PyTorch code (.pt)
+    Import(ImportArgs),
+    /// Make a mesh of the object in a single picture, with a run that has learned many objects
+    Predict(PredictArgs),
 }
 
 /// How a scene is read.
@@ -138,7 +142,7 @@ pub struct TrainArgs {
     #[arg(long, short, value_name = "DIR", required_unless_present = "print_config")]
     pub out: Option<PathBuf>,
     /// Continue the run in --out from its last checkpoint
-    #[arg(long, conflicts_with_all = ["overwrite", "config", "set", "supervision", "steps", "seed", "method", "capacity", "max_bytes", "categories", "inputs"])]
+    #[arg(long, conflicts_with_all = ["overwrite", "config", "set", "supervision", "steps", "seed", "method", "capacity", "max_bytes", "categories", "inputs", "pretrained"])]
     pub resume: bool,
     /// Replace the run in --out
     #[arg(long)]
@@ -164,7 +168,7 @@ pub struct TrainArgs {
     /// Seed of all random choices [default: 0]
     #[arg(long, value_name = "N", help_heading = "Training")]
     pub seed: Option<u64>,
-    /// JSON file with configuration values that replace the defaults
+    /// JSON file with configuration values that replace the defaults, or a YAML configuration of the original PyTorch code
     #[arg(long, value_name = "FILE", help_heading = "Training")]
     pub config: Option<PathBuf>,
     /// One configuration value, e.g. --set losses.roughness=1; may be given several times
@@ -193,6 +197,9 @@ pub struct ObjectsArgs {
     /// Dataset with the encoder's pictures, under the same category and object, e.g. the 3D-R2N2 renders [default: the objects' own]
     #[arg(long, value_name = "DIR")]
     pub inputs: Option<PathBuf>,
+    /// Start the encoder from a trained ResNet-18: torchvision's .pth, or a checkpoint of the original
+    #[arg(long, value_name = "FILE")]
+    pub pretrained: Option<PathBuf>,
 }
 
 impl ObjectsArgs {
@@ -246,11 +253,11 @@ pub enum ContourName {
     Dual,
 }
 
-/// How a mesh is extracted.
+/// How a surface is extracted.
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Mesh")]
-pub struct MeshingArgs {
-    /// Grid cells along an edge of the object's cube [default: 256; 128 where a dataset is evaluated]
+pub struct SurfaceArgs {
+    /// Grid cells along an edge of the object's cube [default: 256; 128 for objects of a dataset]
     #[arg(long, value_parser = clap::value_parser!(u32).range(8..=2048), value_name = "N")]
     pub resolution: Option<u32>,
     /// How the surface is made triangles; the mesh is watertight either way
@@ -262,6 +269,14 @@ pub struct MeshingArgs {
     /// Save triangles where that moves the surface by no more than this share of the object's cube, e.g. 0.0005
     #[arg(long, default_value_t = 0.0, value_parser = parse_share, value_name = "SHARE")]
     pub simplify: f32,
+}
+
+/// How a coloured mesh is made.
+#[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "Mesh")]
+pub struct MeshingArgs {
+    #[command(flatten)]
+    pub surface: SurfaceArgs,
     /// Where vertex colours come from
     #[arg(long, value_enum, default_value_t = Colors::Photos)]
     pub colors: Colors,
@@ -275,6 +290,9 @@ pub struct MeshArgs {
     /// File to write: .ply, .obj or .glb by its ending [default: mesh.ply and mesh.glb in the run]
     #[arg(long, short, value_name = "FILE")]
     pub out: Option<PathBuf>,
+    /// For runs that know objects by learned codes: which one, counted from 0
+    #[arg(long, value_name = "N")]
+    pub object: Option<usize>,
     /// Leave the mesh in object space (the unit cube) instead of the scene's own coordinates
     #[arg(long)]
     pub object_space: bool,
@@ -304,6 +322,9 @@ pub struct RenderArgs {
     /// Folder for the images
     #[arg(long, short, value_name = "DIR")]
     pub out: PathBuf,
+    /// For runs that know objects by learned codes: which one, counted from 0
+    #[arg(long, value_name = "N")]
+    pub object: Option<usize>,
     /// Which cameras
     #[arg(long, value_enum, default_value_t = Cameras::Orbit)]
     pub cameras: Cameras,
@@ -541,6 +562,81 @@ pub struct ExportArgs {
     /// File to write, .safetensors
     #[arg(long, short, value_name = "FILE")]
     pub out: PathBuf,
+}
+
+/// Arguments of `dvr predict`.
+#[derive(Args, Debug)]
+#[command(
+    after_help = "Every picture becomes NAME.glb and NAME.ply (coloured, in object space) and NAME.png, a preview: what the \
+encoder saw, the mesh from two sides, its normals. Pictures should look like those of the training: one object on white, \
+filling the frame alike. An alpha channel is used where there is one."
+)]
+pub struct PredictArgs {
+    /// Folder of a run on a dataset of objects, or one of its checkpoints
+    pub run: PathBuf,
+    /// Pictures, or folders of pictures
+    #[arg(required = true)]
+    pub images: Vec<PathBuf>,
+    /// Folder for the meshes and previews
+    #[arg(long, short, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Make again what is there already; without it, an interrupted call goes on where it stopped
+    #[arg(long)]
+    pub overwrite: bool,
+    /// Folder of masks with the pictures' names, white on the object
+    #[arg(long, value_name = "DIR", help_heading = "Finding the object", conflicts_with = "background")]
+    pub masks: Option<PathBuf>,
+    /// Take as object what differs from a plain background: white, black, or border (the picture's own edge colour)
+    #[arg(long, value_name = "COLOR", help_heading = "Finding the object")]
+    pub background: Option<BackgroundColor>,
+    /// How much a pixel must differ from the plain background, of 255
+    #[arg(
+        long,
+        default_value_t = 12,
+        requires = "background",
+        value_name = "LEVEL",
+        help_heading = "Finding the object"
+    )]
+    pub background_threshold: u8,
+    /// Cut a square around the object, a tenth of its size wider on each side; needs alpha, --masks or --background
+    #[arg(long, help_heading = "Finding the object")]
+    pub crop: bool,
+    #[command(flatten)]
+    pub surface: SurfaceArgs,
+    #[command(flatten)]
+    pub backend: BackendArg,
+}
+
+/// Arguments of `dvr import`.
+#[derive(Args, Debug)]
+#[command(
+    after_help = "The run can then be given to mesh, render, eval, predict, export and train --resume: a network of one \
+scene to mesh at once; a network with an encoder to predict; learned codes to mesh --object N. With --data, meshes come \
+out in the scene's own coordinates, and training can go on."
+)]
+pub struct ImportArgs {
+    /// Checkpoint of the original (zip or legacy), with or without its optimiser
+    pub file: PathBuf,
+    /// Folder of the run to make
+    #[arg(long, short, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Replace the run in --out
+    #[arg(long)]
+    pub overwrite: bool,
+    /// The original's configuration of the checkpoint; what it inherits is found beside it
+    #[arg(long, value_name = "FILE")]
+    pub yaml: Option<PathBuf>,
+    /// The scene or dataset that it was trained on
+    #[arg(long, value_name = "SCENE")]
+    pub data: Option<PathBuf>,
+    /// Latent codes of the objects, for a decoder without an encoder: NPZ with an array `codes`, a row an object
+    #[arg(long, value_name = "FILE")]
+    pub codes: Option<PathBuf>,
+    /// The decoder was trained with `leaky: true`, which its tensors do not tell
+    #[arg(long)]
+    pub leaky: bool,
+    #[command(flatten)]
+    pub reading: SceneArgs,
 }
 
 /// Reads `90s`, `10m`, `2h` or plain seconds.

@@ -182,7 +182,7 @@ impl Decoder {
     }
 
     /// The field of the one object that a decoder without codes holds.
-    fn unconditioned(&self) -> Conditioned {
+    pub fn unconditioned(&self) -> Conditioned {
         Conditioned { conditions: Vec::new(), decoder: self.clone() }
     }
 }
@@ -196,6 +196,11 @@ pub struct Conditioned {
 }
 
 impl Conditioned {
+    /// The decoder.
+    pub fn decoder(&self) -> &Decoder {
+        &self.decoder
+    }
+
     /// Raw outputs, `[n, 4]`.
     fn outputs(&self, query: &Query) -> Tensor<2> {
         match &query.object {

@@ -82,7 +82,8 @@ impl ScalarField for FusedDecoder {
 
 #[cfg(test)]
 mod tests {
-    use burn::tensor::{Distribution, Int, Tensor};
+    use burn::module::{Module, ModuleMapper, Param};
+    use burn::tensor::{Int, Tensor, TensorData};
     use dvr_core::{Camera, Ray, UnitCube};
     use dvr_render::extract::FieldSurface;
     use dvr_render::{Field, March, MarchSettings, Marcher, Query, Rays, SnapshotMarcher, TensorMarcher};
@@ -91,21 +92,47 @@ mod tests {
     use super::*;
     use crate::decoder::DecoderConfig;
 
-    /// A random decoder with a surface in the cube: its mean logit is taken from the bias.
+    /// Uniform numbers that no other test can disturb: a device's own generator is one for the whole process.
+    struct Drawn(u64);
+
+    impl Drawn {
+        /// Numbers in `[-1, 1)` (Knuth's linear congruence).
+        fn draw<const D: usize>(&mut self, shape: [usize; D], device: &Device) -> Tensor<D> {
+            let mut next = || {
+                self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+                (self.0 >> 40) as f32 / (1u64 << 23) as f32 - 1.0
+            };
+            let values: Vec<f32> = (0..shape.iter().product()).map(|_| next()).collect();
+            Tensor::from_data(TensorData::new(values, shape), device)
+        }
+    }
+
+    impl ModuleMapper for Drawn {
+        fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
+            param.map(|tensor| {
+                let shape = tensor.dims();
+                self.draw(shape, &tensor.device()) / (shape[0] as f64).sqrt()
+            })
+        }
+    }
+
+    /// A random decoder with a surface in the cube, on the side of [`rays`]' camera: its mean logit is taken from the bias, and
+    /// all signs are turned where that side would be inside.
     fn decoder(config: &DecoderConfig) -> Decoder {
         let device = Device::flex();
-        device.seed(5);
-        let mut decoder = config.init(&device);
-        for block in &mut decoder.blocks {
-            let shape = block.fc_1.weight.dims();
-            block.fc_1.weight =
-                burn::module::Param::from_tensor(Tensor::random(shape, Distribution::Normal(0.0, 0.1), &device));
-        }
-        let points = Tensor::<2>::random([2000, 3], Distribution::Uniform(-0.5, 0.5), &device);
+        let mut drawn = Drawn(5);
+        let mut decoder = config.init(&device).map(&mut drawn);
+        let points = drawn.draw([2000, 3], &device) * 0.5;
         let code = (config.code_dim > 0).then(|| Tensor::zeros([2000, config.code_dim], &device));
         let mean = decoder.forward(points, code).mean_dim(0).slice([0..1, 0..1]).into_scalar::<f32>();
         let bias = decoder.fc_out.bias.take().map(|bias| bias.val() - mean);
-        decoder.fc_out.bias = bias.map(burn::module::Param::from_tensor);
+        decoder.fc_out.bias = bias.map(Param::from_tensor);
+        let near = Tensor::from_floats([[0.35, 0.22, -0.5]], &device);
+        let code = (config.code_dim > 0).then(|| Tensor::zeros([1, config.code_dim], &device));
+        if decoder.forward(near, code).slice([0..1, 0..1]).into_scalar::<f32>() > 0.0 {
+            decoder.fc_out.weight = decoder.fc_out.weight.map(Tensor::neg);
+            decoder.fc_out.bias = decoder.fc_out.bias.map(|bias| bias.map(Tensor::neg));
+        }
         decoder
     }
 
@@ -137,7 +164,7 @@ mod tests {
             let decoder = decoder(&config);
             let surface = FieldSurface::new(&decoder);
             let device = Device::flex();
-            let tensor = Tensor::<2>::random([300, 3], Distribution::Uniform(-0.5, 0.5), &device);
+            let tensor = Drawn(7).draw([300, 3], &device) * 0.5;
             let flat: Vec<f32> = tensor.clone().into_data().iter::<f32>().collect();
             let points: Vec<Vec3> = flat.as_chunks().0.iter().map(|&p| Vec3::from_array(p)).collect();
             let query = Query::new(tensor);
@@ -160,7 +187,7 @@ mod tests {
         let decoder = decoder(&DecoderConfig::new().with_hidden(32).with_octaves(2));
         let rays = rays(24);
         let device = Device::flex();
-        let jitter = Tensor::<1>::random([rays.len()], Distribution::Default, &device);
+        let jitter = Drawn(6).draw([rays.len()], &device) * 0.5 + 0.5;
         for (steps, jitter) in [(128, None), (17, None), (33, Some(jitter))] {
             let settings = MarchSettings { steps, ..MarchSettings::default() };
             let snapshots = decoder.snapshots();
@@ -173,7 +200,7 @@ mod tests {
     fn rays_of_many_objects_each_meet_their_own() {
         let decoder = decoder(&DecoderConfig::new().with_hidden(32).with_code_dim(4));
         let device = Device::flex();
-        let codes = Tensor::<2>::random([3, 4], Distribution::Normal(0.0, 0.5), &device);
+        let codes = Drawn(8).draw([3, 4], &device) * 0.1;
         let field = decoder.with_codes(codes);
         let mut rays = rays(24);
         rays.object = Some(Tensor::<1, Int>::arange(0..rays.len() as i64, &device).remainder_scalar(3));

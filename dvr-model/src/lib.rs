@@ -1,4 +1,5 @@
-//! Burn modules for differentiable volumetric rendering: the decoder of the original, its records and export.
+//! Burn modules for differentiable volumetric rendering: the decoder of the original, the encoders that make its latent
+//! codes from pictures, their records, and checkpoints of the original.
 //!
 //! ```
 //! use burn::tensor::{Device, Tensor};
@@ -16,9 +17,28 @@
 //!
 //! // To safetensors, with PyTorch's names and layout, and back.
 //! let bytes = to_safetensors(&decoder, &config)?;
-//! let (read_config, _) = from_safetensors(&bytes, &device)?;
+//! let (read_config, _): (DecoderConfig, _) = from_safetensors(&bytes, &device)?;
 //! assert_eq!(read_config, config);
 //! # Ok::<(), dvr_model::RecordError>(())
+//! ```
+//!
+//! One network for many objects: pictures become codes, and codes fields.
+//!
+//! ```
+//! use burn::tensor::{Device, Tensor};
+//! use dvr_model::{DecoderConfig, EncoderConfig, ImageModelConfig};
+//! use dvr_render::{Field, Query};
+//!
+//! let device = Device::flex();
+//! let encoder = EncoderConfig::Convolutional { image_size: 64, width: 4 };
+//! let decoder = DecoderConfig::new().with_code_dim(16).with_hidden(32);
+//! let model = ImageModelConfig { encoder, decoder }.init(&device);
+//! let pictures = Tensor::ones([2, 3, 64, 64], &device);
+//! let field = model.field(model.codes(pictures, Tensor::from_ints([0, 1], &device)));
+//! // A point of each object.
+//! let points = Tensor::from_floats([[0.0, 0.1, 0.2], [0.3, 0.0, -0.1]], &device);
+//! let query = Query { points, object: Some(Tensor::from_ints([0, 1], &device)) };
+//! assert_eq!(field.evaluate(&query).color.dims(), [2, 3]);
 //! ```
 
 #![warn(missing_docs)]
@@ -32,7 +52,9 @@ mod lattice_decoder;
 mod lattice_field;
 pub mod lattice_file;
 mod lattice_op;
+mod pytorch;
 mod record;
+mod tensors;
 
 pub use decoder::{Conditioned, Decoder, DecoderConfig, ResnetBlock};
 pub use encoder::{BasicBlock, Codes, Convolutional, Encoder, EncoderConfig, Resnet18, Resnet18Features};
@@ -40,4 +62,7 @@ pub use fused::FusedDecoder;
 pub use image_model::{ImageModel, ImageModelConfig, OutOfRange};
 pub use lattice_decoder::{LatticeDecoder, LatticeDecoderConfig};
 pub use lattice_field::{LatticeField, LatticeValues};
-pub use record::{FORMAT_VERSION, RecordError, from_safetensors, load_safetensors, save_safetensors, to_safetensors};
+pub use pytorch::{AdamMoments, Imported, ImportedNetwork, PytorchCheckpoint, load_pretrained, read_pytorch};
+pub use record::{
+    FORMAT_VERSION, NetworkConfig, RecordError, from_safetensors, load_safetensors, save_safetensors, to_safetensors,
+};

@@ -1,4 +1,4 @@
-//! Decoders on disk: safetensors with the configuration and a format version in the header.
+//! Networks on disk: safetensors with the configuration and a format version in the header.
 //!
 //! Tensors carry the names and the layout (`[out, in]`) of the original's PyTorch modules, so that the files go both
 //! ways: `torch.nn.Module.load_state_dict` takes what is written here, and what the original exported is read.
@@ -6,29 +6,87 @@
 use std::collections::HashMap;
 use std::path::Path;
 
-use burn::tensor::Device;
-use burn_store::{BurnToPyTorchAdapter, ModuleSnapshot, ModuleStore, PyTorchToBurnAdapter, SafetensorsStore};
-use safetensors::SafeTensors;
+use burn::module::Module;
+use burn::tensor::{Bytes, DType, Device, Shape};
+use burn_store::ModuleSnapshot;
+use burn_store::burn_pack::Tensor as NamedTensor;
+use safetensors::tensor::{Dtype, TensorView};
+use safetensors::{SafeTensors, serialize};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
 
 use crate::decoder::{Decoder, DecoderConfig};
+use crate::image_model::{ImageModel, ImageModelConfig};
+use crate::tensors::{collect, fill};
 
 /// Version of the header that [`to_safetensors`] writes.
 pub const FORMAT_VERSION: u32 = 1;
 
-/// Value of the header's `format` key.
-const FORMAT: &str = "dvr-decoder";
+/// The configuration of a network that can be stored: what its file says about it, and how to make it again.
+pub trait NetworkConfig: Serialize + DeserializeOwned {
+    /// The network.
+    type Network: Module + ModuleSnapshot;
 
-/// Why a decoder cannot be read or written.
+    /// What the header calls it.
+    const FORMAT: &'static str;
+
+    /// A network with fresh parameters.
+    fn fresh(&self, device: &Device) -> Self::Network;
+
+    /// The configuration that a header without one of ours describes: that of the original's bare state dicts.
+    ///
+    /// # Errors
+    /// When keys are missing.
+    fn from_keys(header: &HashMap<String, String>) -> Result<Self, RecordError>;
+}
+
+impl NetworkConfig for DecoderConfig {
+    type Network = Decoder;
+    const FORMAT: &'static str = "dvr-decoder";
+
+    fn fresh(&self, device: &Device) -> Decoder {
+        self.init(device)
+    }
+
+    /// Reads `c_dim`, `hidden_size`, `n_blocks` and `leaky`.
+    fn from_keys(header: &HashMap<String, String>) -> Result<Self, RecordError> {
+        let get = |key: &str| header.get(key).ok_or_else(|| RecordError::Header(format!("key {key:?} is missing")));
+        let number = |key: &str| -> Result<usize, RecordError> {
+            let value = get(key)?;
+            value.parse().map_err(|_| RecordError::Header(format!("{key} is {value:?}, not a number")))
+        };
+        Ok(Self::new()
+            .with_code_dim(number("c_dim")?)
+            .with_hidden(number("hidden_size")?)
+            .with_blocks(number("n_blocks")?)
+            .with_leaky(get("leaky")?.eq_ignore_ascii_case("true")))
+    }
+}
+
+impl NetworkConfig for ImageModelConfig {
+    type Network = ImageModel;
+    const FORMAT: &'static str = "dvr-image-model";
+
+    fn fresh(&self, device: &Device) -> ImageModel {
+        self.init(device)
+    }
+
+    fn from_keys(_: &HashMap<String, String>) -> Result<Self, RecordError> {
+        Err(RecordError::Header("key \"config\" is missing".into()))
+    }
+}
+
+/// Why a network cannot be read or written.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordError {
     /// The file itself.
     #[error(transparent)]
     File(#[from] dvr_core::Error),
-    /// Not a safetensors file, or a broken one.
-    #[error("not a readable safetensors file: {0}")]
+    /// Not the container that it should be, or a broken one.
+    #[error("not a readable file of tensors: {0}")]
     Container(String),
     /// The header lacks the configuration, or it cannot be understood.
-    #[error("the header does not describe a decoder: {0}")]
+    #[error("the header does not describe a network: {0}")]
     Header(String),
     /// Written by a newer program.
     #[error("format version {found} is newer than {FORMAT_VERSION}, the newest this program reads; update dvr")]
@@ -36,87 +94,99 @@ pub enum RecordError {
         /// The version in the file.
         found: u32,
     },
-    /// Tensors do not fit the configuration.
-    #[error("the tensors do not fit the decoder that the header describes: {0}")]
+    /// Tensors do not fit the configuration, or each other.
+    #[error("the tensors do not fit the network: {0}")]
     Shape(String),
 }
 
-/// A decoder as the bytes of a safetensors file.
+/// A network as the bytes of a safetensors file.
 ///
 /// # Errors
 /// Only where memory runs out or a tensor cannot be read back from its device.
-pub fn to_safetensors(decoder: &Decoder, config: &DecoderConfig) -> Result<Vec<u8>, RecordError> {
+pub fn to_safetensors<C: NetworkConfig>(network: &C::Network, config: &C) -> Result<Vec<u8>, RecordError> {
     let json = serde_json::to_string(config).map_err(|e| RecordError::Header(e.to_string()))?;
-    let mut store = SafetensorsStore::from_bytes(None)
-        .with_to_adapter(BurnToPyTorchAdapter)
-        .metadata("format", FORMAT)
-        .metadata("version", FORMAT_VERSION.to_string())
-        .metadata("config", json);
-    store.collect_from(decoder).map_err(|e| RecordError::Container(e.to_string()))?;
-    store.get_bytes().map_err(|e| RecordError::Container(e.to_string()))
+    let header = [("format", C::FORMAT.to_owned()), ("version", FORMAT_VERSION.to_string()), ("config", json)];
+    let header = header.map(|(key, value)| (key.to_owned(), value)).into();
+    let broken = |e: &dyn std::fmt::Display| RecordError::Container(e.to_string());
+    let parts = collect(network)?.into_iter().map(|tensor| tensor.into_parts().map_err(|e| broken(&e)));
+    let parts = parts.collect::<Result<Vec<_>, _>>()?;
+    let views = parts.iter().map(|(name, dtype, shape, _, bytes)| {
+        let dtype = match dtype {
+            DType::F32 => Dtype::F32,
+            DType::F64 => Dtype::F64,
+            DType::F16 => Dtype::F16,
+            DType::BF16 => Dtype::BF16,
+            DType::I64 => Dtype::I64,
+            other => return Err(RecordError::Container(format!("tensor {name:?} is of type {other:?}"))),
+        };
+        Ok((name, TensorView::new(dtype, shape.iter().copied().collect(), bytes).map_err(|e| broken(&e))?))
+    });
+    serialize(views.collect::<Result<Vec<_>, _>>()?, Some(header)).map_err(|e| broken(&e))
 }
 
-/// A decoder from the bytes of a safetensors file: one of ours, or a bare `state_dict` of the original with `c_dim`,
-/// `hidden_size`, `n_blocks` and `leaky` in its header.
+/// A network from the bytes of a safetensors file: one of ours, or a bare `state_dict` of the original's decoder with
+/// `c_dim`, `hidden_size`, `n_blocks` and `leaky` in its header.
 ///
 /// # Errors
-/// When the bytes are no safetensors file, the header does not describe a decoder, or the tensors do not fit it.
-pub fn from_safetensors(bytes: &[u8], device: &Device) -> Result<(DecoderConfig, Decoder), RecordError> {
-    let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(|e| RecordError::Container(e.to_string()))?;
-    let config = read_header(metadata.metadata().as_ref().unwrap_or(&HashMap::new()))?;
-    let mut decoder = config.init(device);
-    let mut store = SafetensorsStore::from_bytes(Some(bytes.to_vec())).with_from_adapter(PyTorchToBurnAdapter);
-    let applied = decoder.load_from(&mut store).map_err(|e| RecordError::Shape(e.to_string()))?;
-    if let Some(unused) = applied.unused.first() {
-        return Err(RecordError::Shape(format!("tensor {unused:?} has no place in it")));
-    }
-    Ok((config, decoder))
+/// When the bytes are no safetensors file, the header does not describe this kind of network, or the tensors do not
+/// fit it.
+pub fn from_safetensors<C: NetworkConfig>(bytes: &[u8], device: &Device) -> Result<(C, C::Network), RecordError> {
+    let broken = |e: safetensors::SafeTensorError| RecordError::Container(e.to_string());
+    let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(broken)?;
+    let config: C = read_header(metadata.metadata().as_ref().unwrap_or(&HashMap::new()))?;
+    let file = SafeTensors::deserialize(bytes).map_err(broken)?;
+    let tensors = file.iter().map(|(name, tensor)| {
+        let dtype = match tensor.dtype() {
+            Dtype::F32 => DType::F32,
+            Dtype::F64 => DType::F64,
+            Dtype::F16 => DType::F16,
+            Dtype::BF16 => DType::BF16,
+            Dtype::I64 => DType::I64,
+            other => return Err(RecordError::Container(format!("tensor {name:?} is of type {other:?}"))),
+        };
+        let bytes = Bytes::from_bytes_vec(tensor.data().to_vec());
+        Ok(NamedTensor::new(name.to_owned(), dtype, Shape::from(tensor.shape().to_vec()), None, bytes))
+    });
+    let network = fill(config.fresh(device), tensors.collect::<Result<_, _>>()?, device)?;
+    Ok((config, network))
 }
 
-/// Writes a decoder to a file.
+/// Writes a network to a file.
 ///
 /// # Errors
 /// When the file cannot be written.
-pub fn save_safetensors(path: &Path, decoder: &Decoder, config: &DecoderConfig) -> Result<(), RecordError> {
-    let bytes = to_safetensors(decoder, config)?;
+pub fn save_safetensors<C: NetworkConfig>(path: &Path, network: &C::Network, config: &C) -> Result<(), RecordError> {
+    let bytes = to_safetensors(network, config)?;
     Ok(dvr_core::files::write_bytes_atomically(path, &bytes)?)
 }
 
-/// Reads a decoder from a file; see [`from_safetensors`].
+/// Reads a network from a file; see [`from_safetensors`].
 ///
 /// # Errors
-/// When the file cannot be read or does not hold a decoder.
-pub fn load_safetensors(path: &Path, device: &Device) -> Result<(DecoderConfig, Decoder), RecordError> {
+/// When the file cannot be read or does not hold this kind of network.
+pub fn load_safetensors<C: NetworkConfig>(path: &Path, device: &Device) -> Result<(C, C::Network), RecordError> {
     let bytes = std::fs::read(path).map_err(|e| dvr_core::Error::io(path, e))?;
     from_safetensors(&bytes, device)
 }
 
-fn read_header(header: &HashMap<String, String>) -> Result<DecoderConfig, RecordError> {
-    if let Some(json) = header.get("config") {
-        let version = header.get("version").and_then(|v| v.parse().ok()).unwrap_or(0);
-        if version > FORMAT_VERSION {
-            return Err(RecordError::Version { found: version });
-        }
-        return serde_json::from_str(json).map_err(|e| RecordError::Header(e.to_string()));
+fn read_header<C: NetworkConfig>(header: &HashMap<String, String>) -> Result<C, RecordError> {
+    let Some(json) = header.get("config") else { return C::from_keys(header) };
+    if let Some(format) = header.get("format").filter(|format| *format != C::FORMAT) {
+        return Err(RecordError::Header(format!("it says {format:?}, not {:?}", C::FORMAT)));
     }
-    let get = |key: &str| header.get(key).ok_or_else(|| RecordError::Header(format!("key {key:?} is missing")));
-    let number = |key: &str| -> Result<usize, RecordError> {
-        let value = get(key)?;
-        value.parse().map_err(|_| RecordError::Header(format!("{key} is {value:?}, not a number")))
-    };
-    Ok(DecoderConfig::new()
-        .with_code_dim(number("c_dim")?)
-        .with_hidden(number("hidden_size")?)
-        .with_blocks(number("n_blocks")?)
-        .with_leaky(get("leaky")?.eq_ignore_ascii_case("true")))
+    let version = header.get("version").and_then(|v| v.parse().ok()).unwrap_or(0);
+    if version > FORMAT_VERSION {
+        return Err(RecordError::Version { found: version });
+    }
+    serde_json::from_str(json).map_err(|e| RecordError::Header(e.to_string()))
 }
 
 #[cfg(test)]
 mod tests {
-    use burn::module::Module;
     use burn::tensor::{Distribution, Tensor};
 
     use super::*;
+    use crate::EncoderConfig;
 
     fn bytes(config: &DecoderConfig) -> (Decoder, Vec<u8>) {
         let decoder = config.init(&Device::flex());
@@ -128,7 +198,7 @@ mod tests {
     fn a_decoder_comes_back_from_its_file_with_the_same_values() {
         let config = DecoderConfig::new().with_code_dim(3).with_hidden(16).with_blocks(2).with_octaves(2);
         let (decoder, bytes) = bytes(&config);
-        let (read_config, read) = from_safetensors(&bytes, &Device::flex()).unwrap();
+        let (read_config, read): (DecoderConfig, _) = from_safetensors(&bytes, &Device::flex()).unwrap();
         assert_eq!(read_config, config);
         assert_eq!(read.num_params(), decoder.num_params());
         let points = Tensor::<2>::random([5, 3], Distribution::Default, &Device::flex());
@@ -147,14 +217,44 @@ mod tests {
     }
 
     #[test]
+    fn an_image_model_has_the_originals_names_and_pytorchs_counts_of_batches() {
+        let decoder = DecoderConfig::new().with_code_dim(4).with_hidden(8).with_blocks(1);
+        let config = ImageModelConfig { encoder: EncoderConfig::default(), decoder };
+        let model = config.init(&Device::flex().autodiff());
+        model.codes(
+            Tensor::from_inner(Tensor::ones([1, 3, 32, 32], &Device::flex())),
+            Tensor::from_ints([0], &Device::flex()),
+        );
+        let bytes = to_safetensors(&model, &config).unwrap();
+        let file = SafeTensors::deserialize(&bytes).unwrap();
+        assert_eq!(file.tensor("encoder.features.layer2.0.downsample.1.running_var").unwrap().shape(), [128]);
+        assert_eq!(file.tensor("encoder.features.layer1.1.bn2.weight").unwrap().shape(), [64]);
+        assert_eq!(file.tensor("encoder.fc.weight").unwrap().shape(), [4, 512]);
+        assert_eq!(file.tensor("decoder.fc_c.0.weight").unwrap().shape(), [8, 4]);
+        let counts = file.iter().filter(|(name, _)| name.ends_with("num_batches_tracked"));
+        let counts: Vec<_> = counts.map(|(_, count)| (count.shape().len(), count.data()[0])).collect();
+        assert_eq!(counts, vec![(0, 1); 20]);
+        let (read_config, read): (ImageModelConfig, _) = from_safetensors(&bytes, &Device::flex()).unwrap();
+        assert_eq!(read_config, config);
+        let again = to_safetensors(&read, &config).unwrap();
+        let again = SafeTensors::deserialize(&again).unwrap();
+        assert_eq!(again.len(), file.len());
+        assert!(file.iter().all(|(name, tensor)| again.tensor(name).unwrap() == tensor));
+        assert!(matches!(from_safetensors::<DecoderConfig>(&bytes, &Device::flex()), Err(RecordError::Header(_))));
+    }
+
+    #[test]
     fn broken_files_are_refused_with_their_reason() {
         let (decoder, good) = bytes(&DecoderConfig::new().with_hidden(8).with_blocks(1));
         let device = Device::flex();
-        assert!(matches!(from_safetensors(&good[..good.len() / 2], &device), Err(RecordError::Container(_))));
-        assert!(matches!(from_safetensors(b"", &device), Err(RecordError::Container(_))));
+        assert!(matches!(
+            from_safetensors::<DecoderConfig>(&good[..good.len() / 2], &device),
+            Err(RecordError::Container(_))
+        ));
+        assert!(matches!(from_safetensors::<DecoderConfig>(b"", &device), Err(RecordError::Container(_))));
         let wrong = to_safetensors(&decoder, &DecoderConfig::new().with_hidden(9).with_blocks(1)).unwrap();
-        assert!(matches!(from_safetensors(&wrong, &device), Err(RecordError::Shape(_))));
+        assert!(matches!(from_safetensors::<DecoderConfig>(&wrong, &device), Err(RecordError::Shape(_))));
         let fewer = to_safetensors(&decoder, &DecoderConfig::new().with_hidden(8).with_blocks(0)).unwrap();
-        assert!(matches!(from_safetensors(&fewer, &device), Err(RecordError::Shape(_))));
+        assert!(matches!(from_safetensors::<DecoderConfig>(&fewer, &device), Err(RecordError::Shape(_))));
     }
 }

@@ -46,6 +46,7 @@ mod evaluate;
 mod export;
 mod fast;
 mod finish;
+mod import;
 mod learner;
 pub mod losses;
 mod method;
@@ -53,6 +54,8 @@ mod metrics_log;
 mod model;
 mod objective;
 mod objects;
+mod original_config;
+mod predict;
 pub mod preview;
 mod resources;
 mod run;
@@ -70,6 +73,7 @@ pub use evaluate::{ShapeEvaluation, ViewEvaluation, evaluate_shape, evaluate_vie
 pub use export::{ColorSource, MeshOptions, object_mesh, world_mesh};
 pub use fast::{Capacity, DisagreeingViews, FastConfig, FastLosses, FastTrainer};
 pub use finish::{RunMetrics, extraction_warnings, finish, judging_views, surface_points};
+pub use import::{ImportOptions, ImportedScene, import};
 pub use learner::Learner;
 pub use method::Method;
 pub use model::Model;
@@ -79,6 +83,8 @@ pub use objects::{
     ObjectsMetrics, ObjectsTrainer, Results, Shape, Shard, Subject, Summary, TrainedObjects, finish_objects,
     judged_input, merge_results, read_results, to_markdown, train_objects, write_summaries,
 };
+pub use original_config::OriginalConfig;
+pub use predict::{Prediction, predict};
 pub use resources::Resources;
 pub use run::{Observer, RunFolder, RunOptions, Stop, Trained, train};
 pub use sparse::SparseTargets;

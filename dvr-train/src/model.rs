@@ -3,7 +3,7 @@
 use burn::module::Module;
 use burn::tensor::Device;
 use dvr_core::UnitCube;
-use dvr_model::{Decoder, LatticeField, lattice_file};
+use dvr_model::{Conditioned, Decoder, EncoderConfig, LatticeField, lattice_file};
 use dvr_render::extract::{FieldSurface, ScalarField};
 use dvr_render::{FieldShader, MarchSettings, RenderSettings, Shader, SkipGrid};
 use glam::Vec3;
@@ -12,16 +12,17 @@ use crate::checkpoint::Checkpoint;
 use crate::error::{Error, Result};
 use crate::learner::restore_module;
 use crate::method::Method;
+use crate::objects::{ObjectModel, ObjectsConfig};
 
 /// Cells along an edge of the grid that lets the rendering of a network skip empty space.
 const SKIP_CELLS: usize = 64;
 
 /// The field of a checkpoint, whatever the method.
 pub enum Model {
-    /// The publication's network.
+    /// The publication's network, of one scene or bound to the code of one of many objects.
     Network {
         /// Its parameters, without gradient tracking.
-        surface: Box<FieldSurface<Decoder>>,
+        surface: Box<FieldSurface<Conditioned>>,
         /// Where its surface may be.
         skip: SkipGrid,
     },
@@ -37,22 +38,50 @@ impl Model {
     pub fn load(checkpoint: &Checkpoint, device: &Device) -> Result<Self> {
         match &checkpoint.header.method {
             Method::Network(config) => {
-                let decoder = restore_module(&checkpoint.state.model, config.model.init(device))?.valid();
-                let surface = Box::new(FieldSurface::new(decoder));
-                let skip = SkipGrid::build(surface.as_ref(), UnitCube::default(), SKIP_CELLS);
-                Ok(Self::Network { surface, skip })
+                let decoder: Decoder = restore_module(&checkpoint.state.model, config.model.init(device))?.valid();
+                Ok(Self::of_field(decoder.unconditioned()))
             }
-            Method::Objects(_) => Err(Error::Config(
-                "this run learned many objects and needs a picture to know which: use `dvr predict RUN IMAGE`, or \
-                 `dvr eval RUN --data DATASET`"
-                    .into(),
-            )),
+            Method::Objects(config) => Err(Error::Config(match config.encoder {
+                EncoderConfig::Codes { objects } => {
+                    format!("this run knows {objects} objects by their codes: say which with --object N, from 0")
+                }
+                _ => {
+                    "this run learned many objects and needs a picture to know which: use `dvr predict RUN IMAGE`, or \
+                      `dvr eval RUN --data DATASET`"
+                        .into()
+                }
+            })),
             Method::Lattice(_) => {
                 let field = lattice_file::from_bytes(&checkpoint.state.model);
                 let field = field.map_err(|e| Error::Config(format!("the checkpoint's field cannot be read: {e}")))?;
                 Ok(Self::Lattice(Box::new(field)))
             }
         }
+    }
+
+    /// The field of one of the objects, counted from 0, that a run knows by their codes.
+    ///
+    /// # Errors
+    /// When the run knows no objects by codes, or not so many; as [`Model::load`].
+    pub fn of_object(checkpoint: &Checkpoint, object: usize, device: &Device) -> Result<Self> {
+        let Method::Objects(ObjectsConfig { encoder: EncoderConfig::Codes { objects }, .. }) =
+            &checkpoint.header.method
+        else {
+            return Err(Error::Config(
+                "the run has no learned codes of objects, of which --object could choose one".into(),
+            ));
+        };
+        if object >= *objects {
+            return Err(Error::Config(format!("--object {object}: the run knows {objects} objects, counted from 0")));
+        }
+        Ok(Self::of_field(ObjectModel::load(checkpoint, device)?.field_of_row(object)))
+    }
+
+    /// A network that is bound to an object, as something to look at and to extract.
+    pub fn of_field(field: Conditioned) -> Self {
+        let surface = Box::new(FieldSurface::new(field));
+        let skip = SkipGrid::build(surface.as_ref(), UnitCube::default(), SKIP_CELLS);
+        Self::Network { surface, skip }
     }
 
     /// What rays see of it; a network is asked at `samples` points across the cube.
@@ -81,7 +110,7 @@ impl Model {
     /// How many numbers it consists of.
     pub fn parameters(&self) -> usize {
         match self {
-            Self::Network { surface, .. } => surface.field().num_params(),
+            Self::Network { surface, .. } => surface.field().decoder().num_params(),
             Self::Lattice(field) => lattice_file::stored_values(field),
         }
     }

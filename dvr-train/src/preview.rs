@@ -2,11 +2,15 @@
 
 use dvr_core::{Camera, DepthMap, View};
 use dvr_render::{Rendering, Shader, render_view};
+use glam::{DQuat, DVec3};
 use image::imageops::{FilterType, replace, resize};
 use image::{Rgb, Rgb32FImage, RgbImage};
 
 /// Gap between pictures, pixels.
 const GAP: u32 = 4;
+
+/// Distance of an orbit's camera from the object's middle, in edges of the unit cube.
+const ORBIT_DISTANCE: f64 = 2.2;
 
 /// A sheet with a row a view: input (background whitened by the mask), render, depth, normals; at most `max_width`
 /// pixels a picture. Near is bright in depth; normals are in the camera's frame (x right, y up, z towards the viewer).
@@ -21,6 +25,18 @@ pub fn preview_row(shader: &dyn Shader, view: &View, max_width: u32) -> Vec<RgbI
     let rendering = render_view(shader, &camera);
     let input = resize(&whitened(view), camera.width, camera.height, FilterType::Triangle);
     vec![input, to_rgb8(&rendering.color), depth_picture(&rendering.depth), normal_picture(&rendering, &camera)]
+}
+
+/// A camera on a circle around the object of the unit cube, all of which is in the square picture of `size` pixels.
+///
+/// `turn` and `elevation` are in degrees, `up` is the axis of the circle.
+pub fn orbit_camera(size: u32, turn: f64, elevation: f64, up: DVec3) -> Camera {
+    // The ball around the unit cube, of radius sqrt(3)/2, fits into the picture.
+    let half_angle = (0.75f64.sqrt() / ORBIT_DISTANCE).asin();
+    let focal = 0.5 * f64::from(size) / half_angle.tan();
+    let level = DQuat::from_axis_angle(up, turn.to_radians()) * up.any_orthonormal_vector();
+    let (sin, cos) = elevation.to_radians().sin_cos();
+    Camera::look_at(size, size, focal, ORBIT_DISTANCE * (cos * level + sin * up), DVec3::ZERO, up)
 }
 
 /// A camera for a picture of at most `max_width` pixels.

@@ -5,6 +5,7 @@
 
 pub mod lattice_suite;
 pub mod plain_lattice;
+mod pytorch_file;
 
 use std::path::PathBuf;
 
@@ -12,6 +13,8 @@ use burn::module::{Module, ModuleMapper, Param};
 use burn::tensor::{DType, Device, FloatDType, Tensor, TensorData};
 use dvr_core::npz::NpzFile;
 use dvr_model::{Decoder, DecoderConfig};
+
+pub use pytorch_file::{Entry, write_pytorch};
 
 /// The folder beside the checkout, or `None` (with a line of output) where it is missing.
 pub fn shared(part: &str) -> Option<PathBuf> {

@@ -50,27 +50,6 @@ fn the_codes_file_holds_the_codes_of_the_ray_files() {
     assert_eq!(codes.numbers("codes"), rays.numbers("c"));
 }
 
-#[test]
-fn the_originals_checkpoints_hold_the_decoders_of_the_safetensors_files() {
-    use burn_store::{ModuleSnapshot, PytorchStore};
-    let Some(folder) = shared("fixtures") else { return };
-    let device = Device::flex();
-    for code_dim in [0, 32] {
-        for ending in ["", "_legacy"] {
-            let Some((config, expected)) = fixture_decoder(code_dim, &device) else { return };
-            let mut decoder = config.init(&device);
-            let path = folder.join(format!("decoder_c{code_dim}_h64{ending}.pt"));
-            let mut store =
-                PytorchStore::from_file(path).with_top_level_key("model").with_key_remapping("^decoder\\.", "");
-            decoder.load_from(&mut store).unwrap();
-            let points = tensor3(&[[0.1, -0.2, 0.3], [0.0, 0.4, -0.1]], &device);
-            let code = (code_dim > 0).then(|| Tensor::<2>::ones([2, code_dim], &device));
-            let (a, b) = (decoder.forward(points.clone(), code.clone()), expected.forward(points, code));
-            assert_eq!(a.into_data(), b.into_data(), "c{code_dim}{ending}");
-        }
-    }
-}
-
 /// Value and gradient with respect to the prediction.
 fn value_and_gradient<const D: usize>(prediction: Tensor<D>, loss: impl Fn(Tensor<D>) -> Tensor<1>) -> (f64, Vec<f64>) {
     let prediction = Tensor::<D>::from_inner(prediction).require_grad();

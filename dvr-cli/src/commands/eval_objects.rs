@@ -20,7 +20,7 @@ use crate::args::{Baseline, EvalArgs, SplitArg};
 use crate::progress::Progress;
 
 /// Cells along an edge of an object's mesh, the original's.
-const OBJECT_RESOLUTION: u32 = 128;
+pub const OBJECT_RESOLUTION: u32 = 128;
 
 /// Measures a run.
 pub fn of_run(args: &EvalArgs, run: &Path, checkpoint: &Checkpoint) -> Result<ExitCode> {

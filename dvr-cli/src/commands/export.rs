@@ -4,7 +4,7 @@ use std::process::ExitCode;
 
 use anyhow::{Result, bail};
 use dvr_model::save_safetensors;
-use dvr_train::{Method, Model};
+use dvr_train::{Method, Model, ObjectModel};
 
 use super::load_run;
 use crate::args::ExportArgs;
@@ -13,11 +13,23 @@ use crate::backend::Backend;
 /// Writes safetensors with PyTorch names and layout.
 pub fn run(args: &ExportArgs) -> Result<ExitCode> {
     let checkpoint = load_run(&args.run)?;
-    let model = Model::load(&checkpoint, &Backend::Cpu.device())?;
-    let (Model::Network { surface, .. }, Method::Network(config)) = (&model, &checkpoint.header.method) else {
-        bail!("{} holds a lattice field, not a network: `dvr train --method network` makes one", args.run.display());
-    };
-    save_safetensors(&args.out, surface.field(), &config.model)?;
+    let device = Backend::Cpu.device();
+    match &checkpoint.header.method {
+        Method::Objects(config) => {
+            let model = ObjectModel::load(&checkpoint, &device)?;
+            save_safetensors(&args.out, model.model(), &config.image_model())?;
+        }
+        Method::Network(config) => {
+            let Model::Network { surface, .. } = Model::load(&checkpoint, &device)? else { bail!("not a network") };
+            save_safetensors(&args.out, surface.field().decoder(), &config.model)?;
+        }
+        Method::Lattice(_) => {
+            bail!(
+                "{} holds a lattice field, not a network: `dvr train --method network` makes one",
+                args.run.display()
+            );
+        }
+    }
     println!("wrote {}", args.out.display());
     Ok(ExitCode::SUCCESS)
 }

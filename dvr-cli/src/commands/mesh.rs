@@ -4,9 +4,9 @@ use std::process::ExitCode;
 
 use anyhow::{Result, bail};
 use dvr_core::mesh::write_mesh;
-use dvr_train::{Model, RunFolder, ViewSplit, extraction_warnings, object_mesh, surface_points, world_mesh};
+use dvr_train::{Method, RunFolder, ViewSplit, extraction_warnings, object_mesh, surface_points, world_mesh};
 
-use super::{SCENE_RESOLUTION, load_run, mesh_options, print_notes, scene_of_run};
+use super::{SCENE_RESOLUTION, load_model, load_run, mesh_options, print_notes, scene_of_run};
 use crate::args::MeshArgs;
 
 /// Rays that look for parts which the coarse grid may miss.
@@ -15,13 +15,17 @@ const SEED_RAYS: usize = 2_000;
 /// Extracts and writes.
 pub fn run(args: &MeshArgs) -> Result<ExitCode> {
     let checkpoint = load_run(&args.run)?;
-    let model = Model::load(&checkpoint, &args.backend.backend.device())?;
+    let model = load_model(&checkpoint, args.object, &args.backend.backend.device())?;
     // The scene helps to find thin parts and gives sharp colours; a run can be meshed without it.
-    let scene = scene_of_run(&checkpoint, args.data.as_ref());
+    // What knows many objects was trained on many folders, and what was imported may know of none.
+    let has_scene = !matches!(checkpoint.header.method, Method::Objects(_))
+        && (args.data.is_some() || !checkpoint.header.scene.as_os_str().is_empty());
+    let scene = has_scene.then(|| scene_of_run(&checkpoint, args.data.as_ref()));
     let views = match &scene {
-        Ok(scene) => ViewSplit::new(scene, checkpoint.header.method.hold_out_every())?.train,
-        Err(error) if args.data.is_some() => bail!("{error:#}"),
-        Err(_) => {
+        None => Vec::new(),
+        Some(Ok(scene)) => ViewSplit::new(scene, checkpoint.header.method.hold_out_every())?.train,
+        Some(Err(error)) if args.data.is_some() => bail!("{error:#}"),
+        Some(Err(_)) => {
             eprintln!("note: the run's scene is not where it was (--data says where): colours come from the field");
             Vec::new()
         }
@@ -32,7 +36,12 @@ pub fn run(args: &MeshArgs) -> Result<ExitCode> {
     let mesh = if args.object_space {
         extracted.mesh
     } else {
-        world_mesh(&extracted.mesh, &checkpoint.header.object_to_world)
+        // That of the run, unless it was imported before anybody knew its scene.
+        let object_to_world = match &scene {
+            Some(Ok(scene)) => &scene.object_to_world,
+            _ => &checkpoint.header.object_to_world,
+        };
+        world_mesh(&extracted.mesh, object_to_world)
     };
     let folder = RunFolder::new(if args.run.is_dir() { args.run.clone() } else { parent(&args.run) });
     let targets = match &args.out {

@@ -4,8 +4,10 @@ pub mod bench;
 pub mod eval;
 mod eval_objects;
 pub mod export;
+pub mod import;
 pub mod info;
 pub mod mesh;
+pub mod predict;
 pub mod render;
 pub mod synth;
 pub mod train;
@@ -13,13 +15,14 @@ mod train_objects;
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
+use burn::tensor::Device;
 use dvr_core::Scene;
 use dvr_core::dataset::{Normalise, ReadOptions, read_scene};
 use dvr_render::extract::{Contour, ExtractSettings};
-use dvr_train::{Checkpoint, ColorSource, MeshOptions, RunFolder};
+use dvr_train::{Checkpoint, ColorSource, MeshOptions, Model, RunFolder};
 
-use crate::args::{Colors, ContourName, MeshingArgs};
+use crate::args::{Colors, ContourName, MeshingArgs, SurfaceArgs};
 
 /// Cells along an edge of a scene's mesh.
 pub const SCENE_RESOLUTION: u32 = 256;
@@ -30,17 +33,41 @@ pub fn load_run(path: &Path) -> Result<Checkpoint> {
     Ok(checkpoint?)
 }
 
+/// The field of a run: of its scene, or of the object that was chosen among those that it knows by their codes.
+pub fn load_model(checkpoint: &Checkpoint, object: Option<usize>, device: &Device) -> Result<Model> {
+    Ok(match object {
+        Some(object) => Model::of_object(checkpoint, object, device)?,
+        None => Model::load(checkpoint, device)?,
+    })
+}
+
 /// The scene of a run, read as it was for training and in the same object space; from `moved` if it was moved.
 pub fn scene_of_run(checkpoint: &Checkpoint, moved: Option<&PathBuf>) -> Result<Scene> {
-    let mut options: ReadOptions = serde_json::from_value(checkpoint.header.reading.clone())
-        .context("the checkpoint does not say how its scene was read")?;
-    options.normalise = Normalise::Given(checkpoint.header.object_to_world);
-    let path = moved.unwrap_or(&checkpoint.header.scene);
+    let header = &checkpoint.header;
+    let mut options: ReadOptions =
+        serde_json::from_value(header.reading.clone()).context("the checkpoint does not say how its scene was read")?;
+    let is_unknown = header.scene.as_os_str().is_empty();
+    // An imported network has the object space of the files, as the original takes it.
+    options.normalise = if is_unknown { Normalise::Files } else { Normalise::Given(header.object_to_world) };
+    let path = match moved {
+        Some(path) => path,
+        None if is_unknown => bail!("the run was imported without its scene: say with --data where it lies"),
+        None => &header.scene,
+    };
     read_scene(path, &options).with_context(|| format!("the run's scene, {}", path.display()))
 }
 
 /// Meshing as the arguments want it, in `resolution` cells an edge where they do not say.
 pub fn mesh_options(args: &MeshingArgs, resolution: u32) -> MeshOptions {
+    let colors = match args.colors {
+        Colors::Photos => ColorSource::Photos,
+        Colors::Field => ColorSource::Field,
+    };
+    MeshOptions { colors, ..surface_options(&args.surface, resolution) }
+}
+
+/// The same without photographs to take colours from.
+pub fn surface_options(args: &SurfaceArgs, resolution: u32) -> MeshOptions {
     let resolution = args.resolution.unwrap_or(resolution);
     // The coarse grid has about 64 cells an edge: fine enough for most parts, a 64th of the cost of 256.
     let upsampling_steps = (resolution / 64).max(1).ilog2() as usize;
@@ -54,11 +81,7 @@ pub fn mesh_options(args: &MeshingArgs, resolution: u32) -> MeshOptions {
         min_component_share: args.min_piece,
         ..ExtractSettings::default()
     };
-    let colors = match args.colors {
-        Colors::Photos => ColorSource::Photos,
-        Colors::Field => ColorSource::Field,
-    };
-    MeshOptions { extraction, colors, max_simplification: args.simplify }
+    MeshOptions { extraction, colors: ColorSource::Field, max_simplification: args.simplify }
 }
 
 /// Prints notes on standard error, one a line.

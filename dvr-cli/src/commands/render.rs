@@ -7,26 +7,23 @@ use anyhow::{Context, Result};
 use dvr_core::files::{write_bytes_atomically, write_depth_exr, write_rgb_exr, write_rgb_png};
 use dvr_core::{Camera, Scene, Similarity};
 use dvr_render::{Rendering, render_view};
-use dvr_train::preview::{normal_picture, to_rgb8};
-use dvr_train::{Model, Observer};
-use glam::{DQuat, DVec3};
+use dvr_train::Observer;
+use dvr_train::preview::{normal_picture, orbit_camera, to_rgb8};
+use glam::DVec3;
 use image::codecs::gif::{GifEncoder, Repeat};
 use image::{Delay, Frame, RgbImage};
 
-use super::{load_run, scene_of_run};
+use super::{load_model, load_run, scene_of_run};
 use crate::args::{Animation, Cameras, RenderArgs, UpAxis};
 use crate::progress::Progress;
 
 /// Frames a second of the turntable.
 const FRAMES_A_SECOND: u32 = 18;
 
-/// Distance of the orbit's camera from the object's middle, in edges of the unit cube.
-const ORBIT_DISTANCE: f64 = 2.2;
-
 /// Renders and writes.
 pub fn run(args: &RenderArgs) -> Result<ExitCode> {
     let checkpoint = load_run(&args.run)?;
-    let model = Model::load(&checkpoint, &args.backend.backend.device())?;
+    let model = load_model(&checkpoint, args.object, &args.backend.backend.device())?;
     let object_to_world = checkpoint.header.object_to_world;
     let needs_scene = args.cameras == Cameras::Dataset || (args.up.is_none() && args.cameras == Cameras::Orbit);
     let scene = if needs_scene { Some(scene_of_run(&checkpoint, args.data.as_ref())) } else { None };
@@ -88,18 +85,8 @@ fn write_frame(
 
 /// Cameras on a circle around the object, all of it in the picture.
 fn orbit(args: &RenderArgs, up: DVec3) -> Vec<(String, Camera)> {
-    // The ball around the unit cube, of radius sqrt(3)/2, fits into the picture.
-    let half_angle = (0.75f64.sqrt() / ORBIT_DISTANCE).asin();
-    let focal = 0.5 * f64::from(args.size) / half_angle.tan();
-    let forward = up.any_orthonormal_vector();
-    (0..args.frames)
-        .map(|i| {
-            let turn = DQuat::from_axis_angle(up, std::f64::consts::TAU * f64::from(i) / f64::from(args.frames));
-            let elevation = args.elevation.to_radians();
-            let eye = ORBIT_DISTANCE * (elevation.cos() * (turn * forward) + elevation.sin() * up);
-            (format!("orbit_{i:04}"), Camera::look_at(args.size, args.size, focal, eye, DVec3::ZERO, up))
-        })
-        .collect()
+    let camera = |i| orbit_camera(args.size, 360.0 * f64::from(i) / f64::from(args.frames), args.elevation, up);
+    (0..args.frames).map(|i| (format!("orbit_{i:04}"), camera(i))).collect()
 }
 
 /// The direction that is up in most of the scene's pictures; +y where they disagree.

@@ -1,5 +1,6 @@
 //! `dvr train`: the whole job.
 
+use std::path::Path;
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -8,8 +9,8 @@ use cpu_time::ProcessTime;
 use dvr_core::dataset::{Format, is_object_dataset, read_scene};
 use dvr_core::{Scene, Split};
 use dvr_train::{
-    Agreement, Capacity, Checkpoint, FastConfig, Method, ObjectsConfig, RunFolder, RunMetrics, RunOptions, Stop,
-    Supervision, TrainConfig, Trained, ViewSplit, finish, train,
+    Agreement, Capacity, Checkpoint, FastConfig, Method, ObjectsConfig, OriginalConfig, RunFolder, RunMetrics,
+    RunOptions, Stop, Supervision, TrainConfig, Trained, ViewSplit, finish, train,
 };
 
 use super::{SCENE_RESOLUTION, mesh_options, print_notes, scene_of_run, train_objects};
@@ -123,17 +124,25 @@ fn configuration(args: &TrainArgs, dataset: bool) -> Result<Method> {
             )
         }
     };
-    if !dataset && (!args.objects.categories.is_empty() || args.objects.inputs.is_some()) {
-        bail!("--categories and --inputs are for datasets of many objects, and this is a single scene");
+    let objects = &args.objects;
+    if !dataset && (!objects.categories.is_empty() || objects.inputs.is_some() || objects.pretrained.is_some()) {
+        bail!("--categories, --inputs and --pretrained are for datasets of many objects, and this is a single scene");
     }
     let is_fast = !dataset && args.method.is_none_or(|method| method == MethodName::Fast);
     if !is_fast && (args.capacity.is_some() || args.max_bytes.is_some()) {
         bail!("--capacity and --max-bytes belong to --method fast");
     }
     if let Some(path) = &args.config {
-        let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
-        let json = serde_json::from_str(&text).with_context(|| format!("{} is no JSON", path.display()))?;
-        config = config.overridden(&json).with_context(|| path.display().to_string())?;
+        config = if path.extension().is_some_and(|ending| ending == "yaml" || ending == "yml") {
+            of_the_original(path, args, dataset)?
+        } else {
+            let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
+            let json = serde_json::from_str(&text).with_context(|| format!("{} is no JSON", path.display()))?;
+            config.overridden(&json).with_context(|| path.display().to_string())?
+        };
+    }
+    if let (Method::Objects(config), Some(path)) = (&mut config, &objects.pretrained) {
+        config.pretrained = Some(path.clone());
     }
     // One after the other they might make no sense, though together they do.
     let mut overrides = serde_json::json!({});
@@ -157,6 +166,31 @@ fn configuration(args: &TrainArgs, dataset: bool) -> Result<Method> {
     let config = config.with(args.seed, args.steps);
     config.check()?;
     Ok(config)
+}
+
+/// The method that a YAML configuration of the original describes.
+fn of_the_original(path: &Path, args: &TrainArgs, dataset: bool) -> Result<Method> {
+    if args.method.is_some() || args.supervision.is_some() {
+        bail!("{} says method and supervision: leave --method and --supervision away", path.display());
+    }
+    let original = OriginalConfig::read(path)?;
+    print_notes(&original.notes);
+    if !original.reading.ignored_views.is_empty() {
+        let views = original.reading.ignored_views.join(",");
+        print_notes(&[format!("data.ignore_image_idx is left to you: --ignore {views}")]);
+    }
+    if original.reading.visual_hull_depth {
+        print_notes(&["data.depth_from_visual_hull is left to you: --visual-hull-depth".into()]);
+    }
+    match (original.method(), dataset) {
+        (Method::Objects(_), false) => {
+            bail!("{} is for a dataset of many objects, and this is a single scene", path.display())
+        }
+        (Method::Network(_), true) => {
+            bail!("{} is for a single scene, and this is a dataset of many objects", path.display())
+        }
+        (method, _) => Ok(method),
+    }
 }
 
 /// The fast method with the capacity that was asked for.

@@ -15,6 +15,7 @@
 //! centres, units) ends there. Reading pixels, finding the object and moving it into the unit cube is the same for all.
 
 mod colmap;
+mod crop;
 mod downscale;
 mod dvr;
 mod found;
@@ -33,11 +34,13 @@ mod transforms;
 
 use std::path::Path;
 
+pub use crop::square_around;
 pub use input_picture::input_picture;
 pub use masks::mask_from_background;
 pub use object_dataset::{ObjectDataset, ObjectOptions};
 pub use objects::{ObjectRef, is_object_dataset, list_objects};
 pub use options::{Background, BackgroundColor, Format, Normalise, ReadOptions};
+pub use pairing::list_pictures;
 
 use crate::error::{Error, Result};
 use crate::npz::NpzFile;

@@ -32,6 +32,14 @@ pub(super) fn list_files(folder: &Path, extensions: &[&str]) -> Result<Vec<PathB
     Ok(files)
 }
 
+/// The pictures in a folder, in natural order (`r_2` before `r_10`), by the extensions of what can be read.
+///
+/// # Errors
+/// [`Error::Io`] where the folder cannot be listed.
+pub fn list_pictures(folder: &Path) -> Result<Vec<PathBuf>> {
+    list_files(folder, &PICTURES)
+}
+
 /// The first of the named sub-folders that exists.
 pub(super) fn sub_folder(root: &Path, names: &[&str]) -> Option<PathBuf> {
     names.iter().map(|name| root.join(name)).find(|path| path.is_dir())

@@ -1,5 +1,7 @@
 //! Everything that determines the training of a model on a dataset of objects.
 
+use std::path::PathBuf;
+
 use dvr_model::{DecoderConfig, EncoderConfig, ImageModelConfig};
 use serde::{Deserialize, Serialize};
 
@@ -15,6 +17,10 @@ use crate::error::{Error, Result};
 pub struct ObjectsConfig {
     /// What makes the latent code of an object.
     pub encoder: EncoderConfig,
+    /// File whose ResNet-18 the encoder starts from: torchvision's own, or an encoder of the original; `null` starts from
+    /// random features. It is read once, when the run begins.
+    #[serde(default)]
+    pub pretrained: Option<PathBuf>,
     /// Objects a step.
     pub objects: usize,
     /// Views of each object that teach in a step, drawn anew each time.
@@ -39,6 +45,7 @@ impl ObjectsConfig {
         let base = TrainConfig::new(supervision);
         Self {
             encoder: EncoderConfig::Convolutional { image_size: 64, width: 32 },
+            pretrained: None,
             objects: 16,
             views: 1,
             one_view: false,

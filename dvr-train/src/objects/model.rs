@@ -54,6 +54,19 @@ impl ObjectModel {
         self.config.encoder.image_size()
     }
 
+    /// The same for callers that have pictures.
+    ///
+    /// # Errors
+    /// When the model takes none.
+    pub fn picture_size(&self) -> Result<usize> {
+        self.image_size().ok_or_else(|| {
+            Error::Config(
+                "the run knows objects by learned codes and takes no pictures: `dvr mesh RUN --object N` shows them"
+                    .into(),
+            )
+        })
+    }
+
     /// The field of the object in a picture as [`dvr_core::dataset::input_picture`] makes them.
     pub fn field_of_picture(&self, picture: &RgbImage) -> Conditioned {
         let device = self.device();

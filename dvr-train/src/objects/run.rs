@@ -88,6 +88,9 @@ pub fn train_objects(
     }
     observer.phase("reading validation objects", 1);
     let mut learner = ObjectsTrainer::new(dataset.clone(), config.clone(), options.device.clone())?;
+    if let (Some(path), None) = (&config.pretrained, resume_from) {
+        learner.start_from(path)?;
+    }
     observer.progress(1, "");
     let header = |step, best, seconds| CheckpointHeader {
         version: CHECKPOINT_VERSION,

@@ -1,13 +1,14 @@
 //! Encoder and decoder in training, together: the state and its one step.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
 use std::sync::Arc;
 
 use burn::module::Module;
 use burn::optim::{GradientsParams, ModuleOptimizer};
 use burn::tensor::{Device, Tensor, TensorData};
 use dvr_core::dataset::ObjectDataset;
-use dvr_model::{Conditioned, ImageModel};
+use dvr_model::{Conditioned, ImageModel, load_pretrained};
 use dvr_render::{Field, Query};
 use glam::Vec3;
 
@@ -73,6 +74,17 @@ impl ObjectsTrainer {
     /// The configuration.
     pub fn config(&self) -> &ObjectsConfig {
         &self.config
+    }
+
+    /// Takes the features of the encoder from a file.
+    ///
+    /// # Errors
+    /// When it holds no ResNet-18, or the encoder is none.
+    pub fn start_from(&mut self, path: &Path) -> Result<()> {
+        let device = self.device.clone().autodiff();
+        let encoder = load_pretrained(self.model.encoder.clone(), path, &device);
+        self.model.encoder = encoder.map_err(|e| Error::Config(format!("pretrained {}: {e}", path.display())))?;
+        Ok(())
     }
 
     /// How many objects are trained on.

@@ -1,0 +1,57 @@
+//! From one picture of an unknown object to its mesh.
+
+use dvr_core::mesh::Mesh;
+use dvr_render::extract::FieldSurface;
+use dvr_render::{MeshShader, Shader, render_view};
+use glam::DVec3;
+use image::RgbImage;
+use image::imageops::{FilterType, resize};
+
+use crate::error::Result;
+use crate::export::{MeshOptions, object_mesh};
+use crate::finish::extraction_warnings;
+use crate::objects::ObjectModel;
+use crate::preview::{normal_picture, orbit_camera, sheet, to_rgb8};
+
+/// What a model makes of a picture.
+#[derive(Clone, Debug)]
+pub struct Prediction {
+    /// The surface, in object space, with vertex colours.
+    pub mesh: Mesh,
+    /// What the encoder saw, then the mesh from two sides in colour and from one as normals.
+    pub preview: RgbImage,
+    /// What the user should know.
+    pub warnings: Vec<String>,
+}
+
+/// Width and height of the preview's pictures, pixels.
+const PREVIEW: u32 = 192;
+
+/// Where the preview looks from, degrees around the object and above it.
+const SIDES: [(f64, f64); 2] = [(30.0, 20.0), (210.0, 20.0)];
+
+/// The object in a picture as [`dvr_core::dataset::input_picture`] makes them, of the size that the model takes.
+///
+/// # Errors
+/// When the model takes no pictures, or sees no surface in this one.
+pub fn predict(model: &ObjectModel, picture: &RgbImage, options: &MeshOptions) -> Result<Prediction> {
+    model.picture_size()?;
+    let field = model.field_of_picture(picture);
+    let extracted = object_mesh(&FieldSurface::new(field), options, &[], &[])?;
+    let preview = preview_of(picture, &extracted.mesh);
+    Ok(Prediction { warnings: extraction_warnings(&extracted), mesh: extracted.mesh, preview })
+}
+
+fn preview_of(picture: &RgbImage, mesh: &Mesh) -> RgbImage {
+    let shader = MeshShader::new(mesh);
+    let mut row = vec![resize(picture, PREVIEW, PREVIEW, FilterType::Triangle)];
+    let mut normals = None;
+    for (turn, elevation) in SIDES {
+        let camera = orbit_camera(PREVIEW, turn, elevation, DVec3::Y);
+        let rendering = render_view(&shader as &dyn Shader, &camera);
+        row.push(to_rgb8(&rendering.color));
+        normals.get_or_insert_with(|| normal_picture(&rendering, &camera));
+    }
+    row.extend(normals);
+    sheet(&[row])
+}

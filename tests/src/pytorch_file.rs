@@ -1,0 +1,117 @@
+//! Writes PyTorch files, as `torch.save` does in its zip format: for checkpoints of which there is no fixture.
+
+use std::io::Write;
+use std::path::Path;
+
+use zip::write::SimpleFileOptions;
+use zip::{CompressionMethod, ZipWriter};
+
+/// What a checkpoint's dictionary holds.
+#[derive(Clone, Debug)]
+pub enum Entry {
+    /// A whole number.
+    Whole(i32),
+    /// A number.
+    Number(f64),
+    /// A list.
+    List(Vec<Entry>),
+    /// A dictionary; keys that are digits alone are numbers, as in an optimiser's state.
+    Dict(Vec<(String, Entry)>),
+    /// A tensor of single precision.
+    Tensor(Vec<usize>, Vec<f32>),
+}
+
+impl Entry {
+    /// A state dict.
+    pub fn tensors(tensors: impl IntoIterator<Item = (String, Vec<usize>, Vec<f32>)>) -> Self {
+        Self::Dict(tensors.into_iter().map(|(name, shape, values)| (name, Self::Tensor(shape, values))).collect())
+    }
+}
+
+/// Writes a file whose root is `entry`.
+pub fn write_pytorch(path: &Path, entry: &Entry) {
+    let mut pickle = Pickle { bytes: vec![0x80, 2], storages: Vec::new() };
+    pickle.put(entry);
+    pickle.bytes.push(b'.');
+    let mut zip = ZipWriter::new(std::fs::File::create(path).unwrap());
+    let options = SimpleFileOptions::default().compression_method(CompressionMethod::Stored);
+    let mut file = |name: String, bytes: &[u8]| {
+        zip.start_file(name, options).unwrap();
+        zip.write_all(bytes).unwrap();
+    };
+    file("archive/data.pkl".into(), &pickle.bytes);
+    file("archive/byteorder".into(), b"little");
+    for (i, storage) in pickle.storages.iter().enumerate() {
+        let bytes: Vec<u8> = storage.iter().flat_map(|value| value.to_le_bytes()).collect();
+        file(format!("archive/data/{i}"), &bytes);
+    }
+    file("archive/version".into(), b"3\n");
+    zip.finish().unwrap();
+}
+
+/// A pickle of protocol 2 in the making.
+struct Pickle {
+    bytes: Vec<u8>,
+    storages: Vec<Vec<f32>>,
+}
+
+impl Pickle {
+    fn put(&mut self, entry: &Entry) {
+        match entry {
+            Entry::Whole(value) => self.whole(*value),
+            Entry::Number(value) => {
+                self.bytes.push(b'G');
+                self.bytes.extend(value.to_be_bytes());
+            }
+            Entry::List(entries) => {
+                self.bytes.extend(b"](");
+                entries.iter().for_each(|entry| self.put(entry));
+                self.bytes.push(b'e');
+            }
+            Entry::Dict(entries) => {
+                self.bytes.extend(b"}(");
+                for (key, entry) in entries {
+                    match key.parse() {
+                        Ok(number) => self.whole(number),
+                        Err(_) => self.text(key),
+                    }
+                    self.put(entry);
+                }
+                self.bytes.push(b'u');
+            }
+            Entry::Tensor(shape, values) => self.tensor(shape, values),
+        }
+    }
+
+    /// `torch._utils._rebuild_tensor_v2(storage, 0, shape, stride, False, OrderedDict())`.
+    fn tensor(&mut self, shape: &[usize], values: &[f32]) {
+        self.bytes.extend(b"ctorch._utils\n_rebuild_tensor_v2\n((");
+        self.text("storage");
+        self.bytes.extend(b"ctorch\nFloatStorage\n");
+        self.text(&self.storages.len().to_string());
+        self.text("cpu");
+        self.whole(values.len() as i32);
+        self.bytes.extend(b"tQ");
+        self.whole(0);
+        let stride: Vec<usize> = (0..shape.len()).map(|i| shape[i + 1..].iter().product()).collect();
+        for extents in [shape, &stride] {
+            self.bytes.push(b'(');
+            extents.iter().for_each(|&extent| self.whole(extent as i32));
+            self.bytes.push(b't');
+        }
+        self.bytes.push(0x89);
+        self.bytes.extend(b"ccollections\nOrderedDict\n)RtR");
+        self.storages.push(values.to_vec());
+    }
+
+    fn whole(&mut self, value: i32) {
+        self.bytes.push(b'J');
+        self.bytes.extend(value.to_le_bytes());
+    }
+
+    fn text(&mut self, text: &str) {
+        self.bytes.push(b'X');
+        self.bytes.extend((text.len() as u32).to_le_bytes());
+        self.bytes.extend(text.as_bytes());
+    }
+}
