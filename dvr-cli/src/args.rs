@@ -79,6 +79,11 @@ pub struct SceneArgs {
     /// DVR layout: take depth from visual_hull_depth/
     #[arg(long)]
     pub visual_hull_depth: bool,
+    /// Decoded photographs above this, e.g. 500M or 2G, are kept in a scratch file instead of memory; the system pages them
+    /// in as they are read. The file lies in the temporary folder (set TMPDIR to a folder on a disk with room: 4 bytes a
+    /// pixel) and goes away by itself; results are the same [default: all in memory]
+    #[arg(long, value_parser = parse_memory, value_name = "BYTES")]
+    pub memory: Option<u64>,
 }
 
 /// Who says where the object is.
@@ -107,6 +112,7 @@ impl SceneArgs {
                 NormaliseArg::Hull => Normalise::Hull,
             },
             visual_hull_depth: self.visual_hull_depth,
+            max_memory: self.memory,
         }
     }
 }
@@ -685,15 +691,26 @@ fn parse_capacity(text: &str) -> Result<CapacityArg, String> {
     cells.map(CapacityArg::Cells).ok_or_else(|| format!("{text:?}: write auto, or a power of two from 32 to 512"))
 }
 
-/// Reads `32000`, `32k` or `1M`.
+/// Reads the size of a stored field, which cannot be nothing.
 fn parse_bytes(text: &str) -> Result<usize, String> {
+    let bytes = bytes_of(text).filter(|&n| n > 0).and_then(|n| usize::try_from(n).ok());
+    bytes.ok_or_else(|| format!("{text:?} is no size; write 32000, 32k or 1M"))
+}
+
+/// Reads an amount of memory; 0 keeps nothing there.
+fn parse_memory(text: &str) -> Result<u64, String> {
+    bytes_of(text).ok_or_else(|| format!("{text:?} is no amount of memory; write 500M or 2G"))
+}
+
+/// `32000`, `32k`, `1M` or `2G` in bytes.
+fn bytes_of(text: &str) -> Option<u64> {
     let (number, factor) = match text.char_indices().last() {
         Some((i, 'k' | 'K')) => (&text[..i], 1_000),
         Some((i, 'M')) => (&text[..i], 1_000_000),
+        Some((i, 'G')) => (&text[..i], 1_000_000_000),
         _ => (text, 1),
     };
-    let bytes = number.parse::<usize>().ok().filter(|&n| n > 0).and_then(|n| n.checked_mul(factor));
-    bytes.ok_or_else(|| format!("{text:?} is no size; write 32000, 32k or 1M"))
+    number.parse::<u64>().ok().and_then(|n| n.checked_mul(factor))
 }
 
 /// Reads `64` or `320x240`.
@@ -732,6 +749,10 @@ mod tests {
         assert!(parse_capacity("65").is_err() && parse_capacity("much").is_err());
         assert_eq!((parse_bytes("32k"), parse_bytes("1M")), (Ok(32_000), Ok(1_000_000)));
         assert!(parse_bytes("k").is_err() && parse_bytes("0").is_err());
+        assert_eq!((parse_memory("2G"), parse_memory("0")), (Ok(2_000_000_000), Ok(0)));
+        for wrong in ["-1", "2T", "1.5G", "G", "", "18446744073709551615k"] {
+            assert!(parse_memory(wrong).is_err(), "{wrong}");
+        }
         assert!(parse_size("0").is_err() && parse_size("axb").is_err());
     }
 }

@@ -11,6 +11,12 @@ fn metrics(tiny: &Tiny, run: &str) -> serde_json::Value {
     serde_json::from_str(&text).unwrap()
 }
 
+/// The stored field of a run.
+fn field(tiny: &Tiny, run: &str) -> Vec<u8> {
+    let bytes = std::fs::read(tiny.path(run).join("scene.dvr")).unwrap();
+    safetensors::SafeTensors::deserialize(&bytes).unwrap().tensor("model").unwrap().data().to_vec()
+}
+
 /// Trains with a coarse mesh at the end.
 fn train(tiny: &Tiny, run: &str, more: &[&str]) -> std::process::Output {
     let (scene, out) = (tiny.scene(), tiny.path(run));
@@ -64,12 +70,37 @@ fn a_stopped_run_resumes_to_the_same_field() {
     succeeds(&train(&tiny, "parts", &stopped));
     let parts = tiny.path("parts");
     succeeds(&dvr(&["train", "--resume", "--out", text(&parts), "--resolution", "32"]));
-    let field = |run: &str| {
-        let bytes = std::fs::read(tiny.path(run).join("scene.dvr")).unwrap();
-        let file = safetensors::SafeTensors::deserialize(&bytes).unwrap();
-        file.tensor("model").unwrap().data().to_vec()
+    assert!(field(&tiny, "whole") == field(&tiny, "parts"), "bit for bit");
+}
+
+#[test]
+fn a_scene_larger_than_the_memory_for_it_gives_the_same_field_and_mesh() {
+    let tiny = Tiny::new();
+    let results = |run: &str, more: &[&str]| {
+        let args = ["--steps", "40", "--capacity", "32", "--set", "first_cells=16", "--set", "color_coarseness=1"];
+        succeeds(&train(&tiny, run, &[&args, more].concat()));
+        (field(&tiny, run), std::fs::read(tiny.path(run).join("mesh.ply")).unwrap())
     };
-    assert!(field("whole") == field("parts"), "bit for bit");
+    let in_memory = results("memory", &[]);
+    // Twelve views of 24 x 24 pixels and 4 bytes: none, some, all of them in memory.
+    for budget in ["0", "8k", "1G"] {
+        assert!(results(budget, &["--memory", budget]) == in_memory, "--memory {budget}: bit for bit");
+    }
+    // What comes after training reads the scene as training did.
+    succeeds(&dvr(&["eval", text(&tiny.path("0/scene.dvr")), "--resolution", "32"]));
+}
+
+#[test]
+fn memory_that_is_no_amount_and_a_scratch_folder_that_is_not_there_are_named() {
+    let tiny = Tiny::new();
+    refuses(&train(&tiny, "x", &["--memory", "much"]), &["much", "500M or 2G"]);
+    let scene = tiny.scene();
+    let info = |memory: &str| {
+        let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_dvr"));
+        command.args(["info", text(&scene), "--memory", memory]).env("TMPDIR", "/no/such/folder").output().unwrap()
+    };
+    refuses(&info("0"), &["/no/such/folder", "TMPDIR", "more memory"]);
+    succeeds(&info("1G"));
 }
 
 #[test]

@@ -2,11 +2,13 @@
 
 use image::GrayImage;
 
+use crate::pixels::{GrayPicture, stored};
+
 /// Which pixels show the object. Coverage 0 to 255, as an alpha channel gives it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mask {
     /// Coverage per pixel, 255 where the object fills it.
-    pub coverage: GrayImage,
+    pub coverage: GrayPicture,
 }
 
 impl Mask {
@@ -23,6 +25,12 @@ impl Mask {
     /// How many pixels show the object.
     pub fn object_pixels(&self) -> usize {
         self.coverage.pixels().filter(|p| p.0[0] >= 128).count()
+    }
+}
+
+impl From<GrayImage> for Mask {
+    fn from(coverage: GrayImage) -> Self {
+        Self { coverage: stored(coverage) }
     }
 }
 

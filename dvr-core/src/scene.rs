@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use crate::camera::{Camera, Similarity};
+use crate::pixels::Picture;
 use crate::points::{OccupancySamples, PointCloud};
 use crate::raster::{DepthMap, Mask};
 
@@ -26,7 +27,7 @@ pub struct View {
     /// The camera, in object space: z-depths are in object units.
     pub camera: Camera,
     /// sRGB colours as the file holds them, not multiplied by alpha.
-    pub image: image::RgbImage,
+    pub image: Picture,
     /// Where the object is.
     pub mask: Mask,
     /// Measured z-depth in object units.

@@ -26,7 +26,7 @@ pub fn render_view(shader: &dyn Shader, camera: &Camera) -> Rendering {
     let shaded = shader.shade(&rays);
     let mut rendering = Rendering {
         color: Rgb32FImage::from_pixel(width, height, image::Rgb([1.0; 3])),
-        mask: Mask { coverage: GrayImage::new(width, height) },
+        mask: Mask::from(GrayImage::new(width, height)),
         depth: DepthMap { width, height, z_depth: vec![f32::INFINITY; rays.len()] },
         normal: Rgb32FImage::new(width, height),
     };

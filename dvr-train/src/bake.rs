@@ -110,7 +110,7 @@ fn weighted_median(sights: &[Sight], channel: usize) -> f32 {
 #[cfg(test)]
 mod tests {
     use dvr_core::mesh::shapes;
-    use dvr_core::{Camera, Mask, Split};
+    use dvr_core::{Camera, Mask, Split, stored};
     use glam::Vec3;
 
     use super::*;
@@ -124,8 +124,8 @@ mod tests {
             let closest = ray.at(-ray.origin.dot(ray.direction) / ray.direction.length_squared());
             pixel.0[0] = if closest.length() < 0.4 { 255 } else { 0 };
         }
-        let image = image::RgbImage::from_pixel(60, 60, image::Rgb(color));
-        View { name: format!("{eye}"), camera, image, mask: Mask { coverage: mask }, depth: None, split: Split::Train }
+        let image = stored(image::RgbImage::from_pixel(60, 60, image::Rgb(color)));
+        View { name: format!("{eye}"), camera, image, mask: Mask::from(mask), depth: None, split: Split::Train }
     }
 
     fn ball() -> Mesh {

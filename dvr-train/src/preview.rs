@@ -50,13 +50,9 @@ pub fn limited(camera: &Camera, max_width: u32) -> Camera {
 
 /// The view's photograph with everything but the object white.
 pub fn whitened(view: &View) -> RgbImage {
-    let mut image = view.image.clone();
-    for (u, v, pixel) in image.enumerate_pixels_mut() {
-        if !view.mask.is_object(u, v) {
-            *pixel = Rgb([255; 3]);
-        }
-    }
-    image
+    RgbImage::from_fn(view.image.width(), view.image.height(), |u, v| {
+        if view.mask.is_object(u, v) { *view.image.get_pixel(u, v) } else { Rgb([255; 3]) }
+    })
 }
 
 /// Colours in `[0, 1]` to bytes, rounded.

@@ -46,7 +46,7 @@ impl SparseTargets {
 
 #[cfg(test)]
 mod tests {
-    use dvr_core::{Camera, GroundTruth, Mask, PointCloud, Similarity, SparsePoints, Split};
+    use dvr_core::{Camera, GroundTruth, Mask, PointCloud, Similarity, SparsePoints, Split, stored};
     use glam::{DVec3, Vec3};
     use rand::SeedableRng;
 
@@ -56,8 +56,8 @@ mod tests {
         View {
             name: name.into(),
             camera: Camera::look_at(20, 20, 25.0, eye, DVec3::ZERO, DVec3::Y),
-            image: image::RgbImage::new(20, 20),
-            mask: Mask { coverage: image::GrayImage::new(20, 20) },
+            image: stored(image::RgbImage::new(20, 20)),
+            mask: Mask::from(image::GrayImage::new(20, 20)),
             depth: None,
             split: Split::Train,
         }

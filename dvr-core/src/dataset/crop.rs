@@ -28,7 +28,7 @@ pub fn square_around(photo: &Photo, mask: &Mask, margin: f64) -> Option<Photo> {
     let coverage = GrayImage::from_fn(side, side, |u, v| {
         source(u, v).map_or(image::Luma([0]), |(x, y)| *mask.coverage.get_pixel(x, y))
     });
-    Some(Photo { image, alpha: Some(Mask { coverage }) })
+    Some(Photo { image, alpha: Some(Mask::from(coverage)) })
 }
 
 #[cfg(test)]
@@ -42,7 +42,7 @@ mod tests {
         let image = RgbImage::from_fn(20, 10, |u, v| Rgb([u as u8, v as u8, 0]));
         let inside = |u, v| us.contains(&u) && vs.contains(&v);
         let coverage = GrayImage::from_fn(20, 10, |u, v| Luma([if inside(u, v) { 255 } else { 0 }]));
-        (Photo { image, alpha: None }, Mask { coverage })
+        (Photo { image, alpha: None }, Mask::from(coverage))
     }
 
     #[test]
@@ -68,7 +68,7 @@ mod tests {
     fn without_an_object_there_is_no_square() {
         let (photo, mask) = boxed(0..0, 0..0);
         assert!(square_around(&photo, &mask, 0.1).is_none());
-        let other = Mask { coverage: GrayImage::new(3, 3) };
+        let other = Mask::from(GrayImage::new(3, 3));
         assert!(square_around(&photo, &other, 0.1).is_none());
     }
 }

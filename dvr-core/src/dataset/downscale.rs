@@ -33,7 +33,7 @@ pub(super) fn downscale_mask(mask: &Mask, factor: u32) -> Mask {
         let sum: u64 = block(u, v, factor).map(|(x, y)| u64::from(mask.coverage.get_pixel(x, y).0[0])).sum();
         Luma([((sum + area / 2) / area) as u8])
     });
-    Mask { coverage }
+    Mask::from(coverage)
 }
 
 /// The depth nearest to the middle of each block among those that are finite. Never a mean: between the object and
@@ -77,7 +77,7 @@ mod tests {
         let image = RgbImage::from_fn(5, 4, |u, v| Rgb([(u * 40) as u8, (v * 10) as u8, 100]));
         let small = downscale_image(&image, None, 2);
         assert_eq!((small.dimensions(), small.get_pixel(1, 1)), ((2, 2), &Rgb([100, 25, 100])));
-        let mask = Mask { coverage: GrayImage::from_fn(4, 4, |u, _| Luma([if u < 3 { 255 } else { 0 }])) };
+        let mask = Mask::from(GrayImage::from_fn(4, 4, |u, _| Luma([if u < 3 { 255 } else { 0 }])));
         let small = downscale_mask(&mask, 2).coverage;
         assert_eq!((small.get_pixel(0, 0).0[0], small.get_pixel(1, 0).0[0]), (255, 128));
     }
@@ -85,9 +85,9 @@ mod tests {
     #[test]
     fn what_is_transparent_has_no_colour() {
         let image = RgbImage::from_fn(2, 2, |u, _| Rgb(if u == 0 { [200; 3] } else { [0; 3] }));
-        let alpha = Mask { coverage: GrayImage::from_fn(2, 2, |u, _| Luma([if u == 0 { 255 } else { 0 }])) };
+        let alpha = Mask::from(GrayImage::from_fn(2, 2, |u, _| Luma([if u == 0 { 255 } else { 0 }])));
         assert_eq!(downscale_image(&image, Some(&alpha), 2).get_pixel(0, 0), &Rgb([200; 3]));
-        let nothing = Mask { coverage: GrayImage::new(2, 2) };
+        let nothing = Mask::from(GrayImage::new(2, 2));
         assert_eq!(downscale_image(&image, Some(&nothing), 2).get_pixel(0, 0), &Rgb([100; 3]));
     }
 

@@ -41,7 +41,7 @@ mod tests {
     use super::*;
 
     fn left_half(width: u32, height: u32) -> Mask {
-        Mask { coverage: GrayImage::from_fn(width, height, |u, _| Luma([if 2 * u < width { 255 } else { 0 }])) }
+        Mask::from(GrayImage::from_fn(width, height, |u, _| Luma([if 2 * u < width { 255 } else { 0 }])))
     }
 
     #[test]
@@ -56,12 +56,12 @@ mod tests {
     #[test]
     fn alpha_goes_before_the_mask_and_a_mask_of_another_size_is_left_out() {
         let image = RgbImage::from_pixel(4, 4, Rgb([0; 3]));
-        let empty = Mask { coverage: GrayImage::new(4, 4) };
+        let empty = Mask::from(GrayImage::new(4, 4));
         let with_alpha = Photo { image: image.clone(), alpha: Some(left_half(4, 4)) };
         assert_eq!(input_picture(&with_alpha, Some(&empty), 4).get_pixel(0, 0).0, [0; 3]);
         let plain = Photo { image, alpha: None };
         assert_eq!(input_picture(&plain, Some(&empty), 4).get_pixel(0, 0).0, [255; 3]);
-        let other = Mask { coverage: GrayImage::new(5, 5) };
+        let other = Mask::from(GrayImage::new(5, 5));
         assert_eq!(input_picture(&plain, Some(&other), 4).get_pixel(0, 0).0, [0; 3]);
     }
 

@@ -10,8 +10,10 @@ use super::downscale::{downscale_camera, downscale_depth, downscale_image, downs
 use super::found::{Coordinates, Found, FoundView, Place, Projection};
 use super::masks::{mask_from_background, no_mask};
 use super::options::ReadOptions;
+use super::shelf::Shelf;
 use crate::error::{Error, Result};
 use crate::files::{Photo, read_depth_exr, read_mask, read_photo};
+use crate::pixels::stored;
 use crate::raster::{DepthMap, Mask};
 use crate::scene::{Split, View};
 
@@ -63,10 +65,12 @@ fn first_names(found: &Found) -> String {
     format!("{}{}", names.join(", "), if found.views.len() > 5 { ", ..." } else { "" })
 }
 
-/// Reads all views, in the files' space, with depth in its units.
+/// Reads all views, in the files' space, with depth in its units; pixels beyond the memory that `options` allow lie in a
+/// scratch file.
 ///
 /// # Errors
-/// Those of the view that comes first: a file missing or damaged, no mask, sizes that differ, an unusable camera.
+/// Those of the view that comes first: a file missing or damaged, no mask, sizes that differ, an unusable camera, no room
+/// for the scratch file.
 pub(super) fn load_views(found: &mut Found, options: &ReadOptions) -> Result<Vec<View>> {
     if options.downscale == 0 {
         return Err(Error::scene("pictures cannot be scaled down by 0", "Use 1 to keep their size."));
@@ -77,8 +81,10 @@ pub(super) fn load_views(found: &mut Found, options: &ReadOptions) -> Result<Vec
         Place::Unknown => None,
     };
     let mirrored = |view: &FoundView| center.is_some_and(|center| view.projection.mirrors(center));
-    let loaded: Vec<Result<View>> =
-        found.views.par_iter().map(|view| load_view(view, mirrored(view), &found.cameras, options)).collect();
+    // A view is put away by the thread that decoded it, so no more are decoded at a time than there are threads.
+    let shelf = Shelf::new(options.max_memory);
+    let load = |view| load_view(view, mirrored(view), &found.cameras, options).and_then(|view| shelf.put(view));
+    let loaded: Vec<Result<View>> = found.views.par_iter().map(load).collect();
     let n_mirrored = found.views.iter().filter(|view| mirrored(view)).count();
     if n_mirrored > 0 {
         found.warnings.push(format!(
@@ -145,7 +151,7 @@ pub(super) fn load_view(view: &FoundView, mirrored: bool, cameras: &Path, option
         depth = depth.map(|depth| downscale_depth(&depth, factor));
         camera = downscale_camera(&camera, factor);
     }
-    Ok(View { name: view.name.clone(), camera, image, mask, depth, split: view.split })
+    Ok(View { name: view.name.clone(), camera, image: stored(image), mask, depth, split: view.split })
 }
 
 fn flip_depth(depth: &mut DepthMap) {

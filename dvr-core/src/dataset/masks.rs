@@ -47,7 +47,7 @@ pub fn mask_from_background(image: &RgbImage, background: Background) -> Mask {
     let coverage = GrayImage::from_fn(image.width(), image.height(), |u, v| {
         Luma([if differs(image.get_pixel(u, v)) { 255 } else { 0 }])
     });
-    Mask { coverage }
+    Mask::from(coverage)
 }
 
 /// The median of the outermost pixels, channel by channel.

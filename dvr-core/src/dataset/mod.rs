@@ -30,6 +30,7 @@ mod objects;
 mod options;
 mod pairing;
 mod place;
+mod shelf;
 mod transforms;
 
 use std::path::Path;
@@ -49,7 +50,8 @@ use crate::scene::Scene;
 /// Reads the scene at `path`, a folder or the file with its cameras, in whatever layout it is.
 ///
 /// # Errors
-/// [`Error::Io`] where a file is missing, [`Error::Format`] where one is damaged or does not fit the others,
+/// [`Error::Io`] where a file is missing, [`Error::Format`] where one is damaged or does not fit the others, or where the
+/// temporary folder has no room for what [`ReadOptions::max_memory`] puts there,
 /// [`Error::Scene`] where all are sound but make no usable scene: fewer than two views, only empty masks, no place that
 /// agrees with the masks. Each says what was found and what to do.
 pub fn read_scene(path: &Path, options: &ReadOptions) -> Result<Scene> {

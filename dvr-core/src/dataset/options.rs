@@ -132,6 +132,10 @@ pub struct ReadOptions {
     pub normalise: Normalise,
     /// DVR layout: take depth from `visual_hull_depth/`, even where there is a `depth/`.
     pub visual_hull_depth: bool,
+    /// Bytes of decoded photographs and masks that are kept in memory (4 a pixel); what is beyond lies in a scratch file in
+    /// the system's temporary folder and is paged in as it is read. Without, everything is in memory. What is computed is
+    /// the same either way. Depth maps stay in memory.
+    pub max_memory: Option<u64>,
 }
 
 impl Default for ReadOptions {
@@ -144,6 +148,7 @@ impl Default for ReadOptions {
             ignored_views: Vec::new(),
             normalise: Normalise::Auto,
             visual_hull_depth: false,
+            max_memory: None,
         }
     }
 }

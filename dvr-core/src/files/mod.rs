@@ -6,11 +6,14 @@
 mod atomic;
 mod exr_file;
 mod picture;
+mod scratch;
 
 pub use atomic::{write_atomically, write_bytes_atomically};
 pub use exr_file::{read_depth_exr, write_depth_exr, write_rgb_exr};
 pub(crate) use picture::image_size;
 pub use picture::{Photo, read_mask, read_photo, read_rgb, write_gray_png, write_rgb_png, write_rgba_png};
+pub use scratch::ScratchBytes;
+pub(crate) use scratch::ScratchFile;
 
 use std::path::Path;
 

@@ -1,9 +1,10 @@
 //! Photographs and masks in 8 bits a channel.
 
 use std::io::Cursor;
+use std::ops::Deref;
 use std::path::Path;
 
-use image::{DynamicImage, GrayImage, ImageFormat, ImageReader, RgbImage, RgbaImage};
+use image::{DynamicImage, GrayImage, ImageBuffer, ImageFormat, ImageReader, Luma, RgbImage, RgbaImage};
 
 use super::{read_bytes, write_bytes_atomically};
 use crate::error::{Error, Result};
@@ -27,7 +28,7 @@ pub struct Photo {
 pub fn read_photo(path: &Path) -> Result<Photo> {
     let decoded = decode(path)?;
     let alpha = decoded.color().has_alpha().then(|| alpha_of(&decoded)).filter(|a| a.pixels().any(|p| p.0[0] < 255));
-    Ok(Photo { image: decoded.into_rgb8(), alpha: alpha.map(|coverage| Mask { coverage }) })
+    Ok(Photo { image: decoded.into_rgb8(), alpha: alpha.map(Mask::from) })
 }
 
 /// [`read_photo`] without its alpha channel.
@@ -51,7 +52,7 @@ pub fn read_mask(path: &Path) -> Result<Mask> {
     if color.has_alpha() {
         let alpha = alpha_of(&decoded);
         if alpha.pixels().any(|p| p.0[0] < 255) {
-            return Ok(Mask { coverage: alpha });
+            return Ok(Mask::from(alpha));
         }
     }
     let (width, height) = (decoded.width(), decoded.height());
@@ -70,7 +71,7 @@ pub fn read_mask(path: &Path) -> Result<Mask> {
     let coverage = brightest.into_iter().map(|v| ((v * 255 + full / 2) / full) as u8).collect();
     let coverage = GrayImage::from_vec(width, height, coverage)
         .ok_or_else(|| damaged(path, "the decoder gave fewer pixels than the image has"))?;
-    Ok(Mask { coverage })
+    Ok(Mask::from(coverage))
 }
 
 /// Writes an 8-bit RGB PNG.
@@ -93,7 +94,7 @@ pub fn write_rgba_png(path: &Path, image: &RgbaImage) -> Result<()> {
 ///
 /// # Errors
 /// [`Error::Io`] where the file cannot be written.
-pub fn write_gray_png(path: &Path, image: &GrayImage) -> Result<()> {
+pub fn write_gray_png(path: &Path, image: &ImageBuffer<Luma<u8>, impl Deref<Target = [u8]>>) -> Result<()> {
     write_png(path, |out| image.write_to(out, ImageFormat::Png))
 }
 
@@ -160,7 +161,7 @@ fn alpha_of(image: &DynamicImage) -> GrayImage {
 
 #[cfg(test)]
 mod tests {
-    use image::{ImageBuffer, Luma, Rgb, Rgba};
+    use image::{Rgb, Rgba};
 
     use super::*;
 
@@ -201,7 +202,7 @@ mod tests {
     fn masks_of_every_kind_say_the_same() {
         let folder = tempfile::tempdir().unwrap();
         let inside = |u: u32, v: u32| u > v;
-        let expected = GrayImage::from_fn(6, 4, |u, v| Luma([if inside(u, v) { 255 } else { 0 }]));
+        let expected = Mask::from(GrayImage::from_fn(6, 4, |u, v| Luma([if inside(u, v) { 255 } else { 0 }])));
         let gray = |full: u8| GrayImage::from_fn(6, 4, |u, v| Luma([if inside(u, v) { full } else { 0 }]));
         let deep = |full: u16| {
             ImageBuffer::<Luma<u16>, Vec<u16>>::from_fn(6, 4, |u, v| Luma([if inside(u, v) { full } else { 0 }]))
@@ -219,7 +220,7 @@ mod tests {
         for (i, kind) in kinds.into_iter().enumerate() {
             let path = folder.path().join(format!("{i}.png"));
             kind.save(&path).unwrap();
-            assert_eq!(read_mask(&path).unwrap().coverage, expected, "kind {i}");
+            assert_eq!(read_mask(&path).unwrap(), expected, "kind {i}");
         }
         let black = folder.path().join("black.png");
         write_gray_png(&black, &GrayImage::new(3, 3)).unwrap();

@@ -149,7 +149,7 @@ mod tests {
                 .count();
             image::Luma([(hits * 255 / 16) as u8])
         });
-        (camera, Mask { coverage })
+        (camera, Mask::from(coverage))
     }
 
     fn views(pixels: u32) -> Vec<MaskDistance> {

@@ -186,7 +186,7 @@ mod tests {
     use super::*;
 
     fn one_pixel(u: u32, v: u32) -> Silhouette {
-        let mut mask = Mask { coverage: image::GrayImage::new(20, 10) };
+        let mut mask = Mask::from(image::GrayImage::new(20, 10));
         mask.coverage.put_pixel(u, v, image::Luma([255]));
         let camera = Camera::look_at(20, 10, 10.0, DVec3::new(0.0, 0.0, -2.0), DVec3::ZERO, DVec3::Y);
         Silhouette::new(0, &camera, &mask).unwrap()
@@ -216,7 +216,7 @@ mod tests {
     #[test]
     fn a_footprint_holds_the_projections_of_the_corners() {
         let camera = Camera::look_at(80, 60, 70.0, DVec3::new(1.0, 0.4, -1.2), DVec3::new(0.1, 0.0, 0.0), DVec3::Y);
-        let mask = Mask { coverage: image::GrayImage::new(80, 60) };
+        let mask = Mask::from(image::GrayImage::new(80, 60));
         let silhouette = Silhouette::new(0, &camera, &mask).unwrap();
         let (center, half) = (DVec3::new(0.1, 0.05, -0.2), DVec3::new(0.1, 0.02, 0.3));
         let [low, high] = silhouette.footprint(center, half, 0.0).unwrap();
@@ -229,7 +229,7 @@ mod tests {
 
     #[test]
     fn a_large_mask_is_pooled_without_losing_a_pixel() {
-        let mut mask = Mask { coverage: image::GrayImage::new(2 * MAX_SIDE + 1, 7) };
+        let mut mask = Mask::from(image::GrayImage::new(2 * MAX_SIDE + 1, 7));
         mask.coverage.put_pixel(2 * MAX_SIDE, 6, image::Luma([255]));
         let camera = Camera::look_at(2 * MAX_SIDE + 1, 7, 10.0, DVec3::new(0.0, 0.0, -2.0), DVec3::ZERO, DVec3::Y);
         let silhouette = Silhouette::new(0, &camera, &mask).unwrap();
@@ -239,7 +239,7 @@ mod tests {
 
     #[test]
     fn a_mask_of_another_size_is_refused_by_view() {
-        let mask = Mask { coverage: image::GrayImage::new(20, 11) };
+        let mask = Mask::from(image::GrayImage::new(20, 11));
         let camera = Camera::look_at(20, 10, 10.0, DVec3::new(0.0, 0.0, -2.0), DVec3::ZERO, DVec3::Y);
         let message = Silhouette::new(7, &camera, &mask).err().unwrap().to_string();
         assert!(message.contains("view 7") && message.contains("20x11"));

@@ -26,7 +26,7 @@ fn mask(camera: &Camera, hit: impl Fn(DVec3, DVec3) -> bool) -> Mask {
         let ray = camera.pixel_ray(u, v);
         Luma([if hit(ray.origin, ray.direction) { 255 } else { 0 }])
     });
-    Mask { coverage }
+    Mask::from(coverage)
 }
 
 fn sphere(center: DVec3, radius: f64) -> impl Fn(DVec3, DVec3) -> bool {
@@ -110,7 +110,7 @@ fn an_object_that_leaves_some_frames_is_not_cut() {
 #[test]
 fn a_point_that_no_view_sees_is_outside() {
     let camera = Camera::look_at(10, 10, 10.0, DVec3::new(0.0, 0.0, -2.0), DVec3::ZERO, DVec3::Y);
-    let full = Mask { coverage: GrayImage::from_pixel(10, 10, Luma([255])) };
+    let full = Mask::from(GrayImage::from_pixel(10, 10, Luma([255])));
     let bounds = Bounds::cube(DVec3::new(0.0, 0.0, -5.0), 0.5);
     let hull = VisualHull::carve(&[(&camera, &full)], bounds, 4, &HullSettings::default()).unwrap();
     assert!(hull.is_empty() && hull.bounding_box().is_none() && hull.volume() == 0.0);
@@ -120,7 +120,7 @@ fn a_point_that_no_view_sees_is_outside() {
 fn one_wrong_mask_is_forgiven_when_one_view_may_disagree() {
     let cameras = cameras(12, 60, DVec3::ZERO, 2.0);
     let mut masks: Vec<Mask> = cameras.iter().map(|c| mask(c, sphere(DVec3::ZERO, 0.2))).collect();
-    masks[3] = Mask { coverage: GrayImage::from_fn(60, 60, |u, v| Luma([255 * u8::from(u < 5 && v < 5)])) };
+    masks[3] = Mask::from(GrayImage::from_fn(60, 60, |u, v| Luma([255 * u8::from(u < 5 && v < 5)])));
     let views = pairs(&cameras, &masks);
     let strict = VisualHull::carve(&views, Bounds::UNIT_CUBE, 32, &HullSettings::default()).unwrap();
     assert!(!strict.contains(DVec3::ZERO));
@@ -139,7 +139,7 @@ fn blocks_decide_as_their_voxels_would() {
     cameras.push(Camera::look_at(70, 70, 150.0, DVec3::new(0.9, 0.3, 0.1), DVec3::new(0.0, 0.3, 0.2), DVec3::Y));
     cameras.push(Camera::look_at(70, 70, 80.0, DVec3::new(0.1, 0.45, 0.1), DVec3::ZERO, DVec3::X));
     let mut masks: Vec<Mask> = cameras.iter().map(|c| mask(c, sphere(DVec3::Y * 0.05, 0.4))).collect();
-    masks[2] = Mask { coverage: GrayImage::from_fn(70, 70, |u, v| Luma([255 * u8::from((u / 9 + v / 7) % 2 == 0)])) };
+    masks[2] = Mask::from(GrayImage::from_fn(70, 70, |u, v| Luma([255 * u8::from((u / 9 + v / 7) % 2 == 0)])));
     let silhouettes = Silhouette::all(&pairs(&cameras, &masks)).unwrap();
     for (max_disagreeing, min_seeing, conservative) in [(0, 1, false), (0, 7, true), (1, 1, true), (2, 11, false)] {
         let settings = HullSettings { max_disagreeing, min_seeing, conservative, margin: 0.3 };
@@ -198,9 +198,9 @@ fn wrong_masks_are_named_and_do_not_hide_the_object() {
     let truth = Bounds { min: DVec3::splat(-0.3), max: DVec3::new(0.4, 0.2, 0.3) };
     let cameras = cameras(24, 120, DVec3::ZERO, 2.5);
     let mut masks: Vec<Mask> = cameras.iter().map(|c| mask(c, cuboid(truth))).collect();
-    masks[5] = Mask { coverage: GrayImage::from_fn(120, 120, |u, _| Luma([255 * u8::from(u < 20)])) };
-    masks[11] = Mask { coverage: GrayImage::from_fn(120, 120, |_, v| Luma([255 * u8::from(v > 110)])) };
-    masks[17] = Mask { coverage: GrayImage::new(120, 120) };
+    masks[5] = Mask::from(GrayImage::from_fn(120, 120, |u, _| Luma([255 * u8::from(u < 20)])));
+    masks[11] = Mask::from(GrayImage::from_fn(120, 120, |_, v| Luma([255 * u8::from(v > 110)])));
+    masks[17] = Mask::from(GrayImage::new(120, 120));
     let found = normalisation(&pairs(&cameras, &masks)).unwrap();
     check_box(&found, truth, 0.08);
     let text = found.warnings.join("; ");
@@ -230,7 +230,7 @@ fn masks_that_agree_nowhere_name_the_views_that_disagree_most() {
 #[test]
 fn too_few_views_are_refused() {
     let cameras = cameras(2, 20, DVec3::ZERO, 2.0);
-    let masks = [mask(&cameras[0], sphere(DVec3::ZERO, 0.3)), Mask { coverage: GrayImage::new(20, 20) }];
+    let masks = [mask(&cameras[0], sphere(DVec3::ZERO, 0.3)), Mask::from(GrayImage::new(20, 20))];
     assert!(normalisation(&pairs(&cameras, &masks)).unwrap_err().to_string().contains("1 of 2 masks"));
     assert!(normalisation(&[]).is_err());
     let same = [cameras[0].clone(), cameras[0].clone()];
@@ -248,7 +248,7 @@ fn shared(folder: &str) -> Option<PathBuf> {
 }
 
 fn read_mask(path: &Path) -> Mask {
-    Mask { coverage: image::open(path).unwrap().to_luma8() }
+    Mask::from(image::open(path).unwrap().to_luma8())
 }
 
 /// A scene in Middlebury's layout: `<name>_par.txt` with a line a view: file, K, R, t.

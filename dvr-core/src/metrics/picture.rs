@@ -142,9 +142,9 @@ mod tests {
     #[test]
     fn a_masked_psnr_looks_at_the_object_only() {
         let (truth, predicted) = (grey(4, 4, |_, _| 100), grey(4, 4, |u, _| if u < 2 { 100 } else { 255 }));
-        let left = Mask { coverage: GrayImage::from_fn(4, 4, |u, _| Luma([255 * u8::from(u < 2)])) };
+        let left = Mask::from(GrayImage::from_fn(4, 4, |u, _| Luma([255 * u8::from(u < 2)])));
         assert_eq!(psnr(&predicted, &truth, Some(&left)).unwrap(), f64::INFINITY);
-        let right = Mask { coverage: GrayImage::from_fn(4, 4, |u, _| Luma([255 * u8::from(u >= 2)])) };
+        let right = Mask::from(GrayImage::from_fn(4, 4, |u, _| Luma([255 * u8::from(u >= 2)])));
         let expected = -20.0 * (155.0f64 / 255.0).log10();
         assert!((psnr(&predicted, &truth, Some(&right)).unwrap() - expected).abs() < 1e-9);
     }
@@ -202,8 +202,8 @@ mod tests {
 
     #[test]
     fn masks_are_compared_by_their_object_pixels() {
-        let mask = |from: u32, to: u32| Mask {
-            coverage: GrayImage::from_fn(10, 2, |u, _| Luma([255 * u8::from((from..to).contains(&u))])),
+        let mask = |from: u32, to: u32| {
+            Mask::from(GrayImage::from_fn(10, 2, |u, _| Luma([255 * u8::from((from..to).contains(&u))])))
         };
         assert_eq!(mask_iou(&mask(0, 6), &mask(3, 9)).unwrap(), 3.0 / 9.0);
         assert_eq!(mask_iou(&mask(0, 0), &mask(0, 0)).unwrap(), 1.0);
@@ -215,8 +215,8 @@ mod tests {
         let (a, b) = (RgbImage::new(3, 4), RgbImage::new(4, 3));
         assert!(psnr(&a, &b, None).unwrap_err().to_string().contains("3x4"));
         assert!(ssim(&a, &b).is_err());
-        let mask = Mask { coverage: GrayImage::new(3, 4) };
+        let mask = Mask::from(GrayImage::new(3, 4));
         assert!(psnr(&b, &b, Some(&mask)).is_err());
-        assert!(mask_iou(&mask, &Mask { coverage: GrayImage::new(4, 3) }).is_err());
+        assert!(mask_iou(&mask, &Mask::from(GrayImage::new(4, 3))).is_err());
     }
 }

@@ -60,7 +60,7 @@ impl<'a> MeshRenderer<'a> {
         let coverage = pixels.iter().map(|p| if p.coverage >= 0.5 { 255 } else { 0 }).collect();
         RenderedView {
             image: self.develop(width, height, &pixels, view),
-            mask: Mask { coverage: GrayImage::from_raw(width, height, coverage).unwrap_or_default() },
+            mask: Mask::from(GrayImage::from_raw(width, height, coverage).unwrap_or_default()),
             depth: DepthMap { width, height, z_depth: pixels.iter().map(|p| p.z_depth).collect() },
         }
     }

@@ -1,6 +1,6 @@
 //! Gradients by hand against differences of the losses themselves.
 
-use dvr_core::{Camera, DepthMap, Mask, Split};
+use dvr_core::{Camera, DepthMap, Mask, Split, stored};
 use dvr_kernels::{ActiveNodes, Lattice, SignMap};
 use glam::DVec3;
 use image::{GrayImage, Rgb, RgbImage};
@@ -39,7 +39,8 @@ fn view(eye: DVec3) -> View {
         }
     }
     let depth = Some(DepthMap { width: size, height: size, z_depth });
-    View { name: eye.to_string(), camera, image, mask: Mask { coverage: mask }, depth, split: Split::Train }
+    let (image, mask) = (stored(image), Mask::from(mask));
+    View { name: eye.to_string(), camera, image, mask, depth, split: Split::Train }
 }
 
 /// A ball on a lattice, and three cameras close to each other.

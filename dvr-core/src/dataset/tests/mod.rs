@@ -69,7 +69,7 @@ impl Ball {
     fn mask(&self, camera: &Camera) -> Mask {
         let depth = self.depth(camera);
         let coverage = |u, v| Luma([if depth.get(u, v).is_finite() { 255 } else { 0 }]);
-        Mask { coverage: GrayImage::from_fn(WIDTH, HEIGHT, coverage) }
+        Mask::from(GrayImage::from_fn(WIDTH, HEIGHT, coverage))
     }
 
     fn image(&self, camera: &Camera) -> RgbImage {

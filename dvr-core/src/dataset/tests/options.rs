@@ -1,7 +1,8 @@
 //! What the options do.
 
 use super::*;
-use crate::scene::Split;
+use crate::pixels::PixelStore;
+use crate::scene::{Split, View};
 
 fn dvr() -> (Ball, tempfile::TempDir) {
     let (ball, folder) = (Ball::new(), tempfile::tempdir().unwrap());
@@ -31,11 +32,43 @@ fn options_survive_a_file() {
         format: Some(Format::Colmap),
         background: Some(Background::of(BackgroundColor::Black)),
         normalise: Normalise::Given(Similarity { scale: 3.0, ..Similarity::default() }),
+        max_memory: Some(2_000_000_000),
         ..ReadOptions::default()
     };
     let json = serde_json::to_string(&options).unwrap();
     assert_eq!(serde_json::from_str::<ReadOptions>(&json).unwrap(), options);
     assert_eq!(serde_json::from_str::<ReadOptions>("{}").unwrap(), ReadOptions::default());
+}
+
+#[test]
+fn pixels_beyond_the_memory_that_is_allowed_lie_in_a_scratch_file_and_read_the_same() {
+    let (_, folder) = dvr();
+    let in_memory = read(folder.path());
+    let view_bytes = u64::from(4 * WIDTH * HEIGHT);
+    for (max_memory, expected) in [(0, 0), (view_bytes - 1, 0), (2 * view_bytes + 1, 2), (u64::MAX, 9)] {
+        let options = ReadOptions { max_memory: Some(max_memory), ..ReadOptions::default() };
+        let scene = read_scene(folder.path(), &options).unwrap();
+        let is_in_memory = |view: &&View| {
+            let stores = [view.image.as_raw(), view.mask.coverage.as_raw()];
+            stores.iter().all(|store| matches!(store, PixelStore::Memory(_)))
+        };
+        assert_eq!(scene.views.iter().filter(is_in_memory).count(), expected, "{max_memory} bytes");
+        assert_eq!(scene.object_to_world, in_memory.object_to_world);
+        for (view, same) in scene.views.iter().zip(&in_memory.views) {
+            assert_eq!((&view.image, &view.mask, &view.depth), (&same.image, &same.mask, &same.depth), "{}", view.name);
+        }
+    }
+}
+
+#[test]
+fn writing_to_pixels_of_a_scratch_file_changes_that_copy_alone() {
+    let (_, folder) = dvr();
+    let scene = read_scene(folder.path(), &ReadOptions { max_memory: Some(0), ..ReadOptions::default() }).unwrap();
+    let mask = &scene.views[0].mask;
+    let mut inverted = mask.clone();
+    image::imageops::invert(&mut inverted.coverage);
+    let all = (WIDTH * HEIGHT) as usize;
+    assert_eq!(inverted.object_pixels(), all - mask.object_pixels());
 }
 
 #[test]
