@@ -56,8 +56,8 @@ fn refuse_scene_options(reading: &SceneArgs) -> Result<()> {
         ReadOptions { format: given.format, visual_hull_depth: given.visual_hull_depth, ..ReadOptions::default() };
     if given != shared {
         bail!(
-            "--downscale, --background, --views, --ignore and --normalise are for single scenes; objects of a dataset are \
-             read as they are"
+            "--downscale, --background, --views, --ignore, --normalise and --memory are for single scenes; objects of a \
+             dataset are read as they are"
         );
     }
     Ok(())
