@@ -226,7 +226,8 @@ pub enum MethodName {
     Fast,
     /// The publication's network, started from the visual hull: minutes; for datasets, of a size for a few cores: an hour
     Network,
-    /// The network with the publication's own settings: hours; for datasets: weeks without a GPU
+    /// The network with the publication's own settings: minutes for 600 steps (the publication: 300 000); for datasets: months without
+    /// a GPU
     Classic,
     /// The visual hull of the masks, coloured by the photographs: what can be had without any training
     Hull,
