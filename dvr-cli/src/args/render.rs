@@ -1,0 +1,87 @@
+//! `dvr render`.
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+
+use super::BackendArg;
+
+/// Which cameras `dvr render` takes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Cameras {
+    /// A turn around the object
+    Orbit,
+    /// The views of the scene that the run was trained on
+    Dataset,
+}
+
+/// Arguments of `dvr render`.
+#[derive(Args, Debug)]
+pub struct RenderArgs {
+    /// Folder of a run, or one of its checkpoints
+    pub run: PathBuf,
+    /// Folder for the images
+    #[arg(long, short, value_name = "DIR")]
+    pub out: PathBuf,
+    /// For runs that know objects by learned codes: which one, counted from 0
+    #[arg(long, value_name = "N")]
+    pub object: Option<usize>,
+    /// Which cameras
+    #[arg(long, value_enum, default_value_t = Cameras::Orbit)]
+    pub cameras: Cameras,
+    /// Frames of the orbit
+    #[arg(long, default_value_t = 36, value_parser = clap::value_parser!(u32).range(1..=3600), value_name = "N")]
+    pub frames: u32,
+    /// Width and height of the orbit's frames, pixels
+    #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(8..=8192), value_name = "PIXELS")]
+    pub size: u32,
+    /// Height of the orbit's camera above the object's middle, degrees
+    #[arg(long, default_value_t = 20.0, allow_negative_numbers = true, value_name = "DEGREES")]
+    pub elevation: f64,
+    /// Axis the orbit turns around, in object space [default: the mean up direction of the scene's cameras]
+    #[arg(long, value_enum)]
+    pub up: Option<UpAxis>,
+    /// Animation of the orbit
+    #[arg(long, value_enum, default_value_t = Animation::Gif)]
+    pub animation: Animation,
+    /// Also write colour and z-depth as EXR (depth in the scene's units)
+    #[arg(long)]
+    pub exr: bool,
+    /// Also write normals as PNG
+    #[arg(long)]
+    pub normals: bool,
+    /// Samples across the object's cube
+    #[arg(long, default_value_t = 128, value_parser = clap::value_parser!(u32).range(2..=8192), value_name = "N")]
+    pub samples: u32,
+    /// Where the scene lies now, if it was moved since training
+    #[arg(long, value_name = "SCENE")]
+    pub data: Option<PathBuf>,
+    #[command(flatten)]
+    pub backend: BackendArg,
+}
+
+/// An axis to turn around.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum UpAxis {
+    /// +x
+    X,
+    /// +y
+    Y,
+    /// +z
+    Z,
+    /// -x
+    MinusX,
+    /// -y
+    MinusY,
+    /// -z
+    MinusZ,
+}
+
+/// Format of the turntable.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Animation {
+    /// turntable.gif
+    Gif,
+    /// Frames only
+    None,
+}
