@@ -11,7 +11,7 @@ use rand_chacha::ChaCha8Rng;
 use crate::batch::PixelBatch;
 use crate::config::TrainConfig;
 use crate::error::{Error, Result};
-use crate::objective::{StepNoise, sparse_depth_loss, step_loss};
+use crate::objective::{StepLoss, StepNoise, sparse_depth_loss, step_loss};
 use crate::sparse::SparseTargets;
 
 /// The views of a scene, divided into those that teach and those that judge.
@@ -63,6 +63,27 @@ pub struct StepReport {
     pub learning_rate: f64,
     /// Samples on a ray.
     pub samples: usize,
+}
+
+impl StepReport {
+    /// Of a step whose loss is known, after so many steps.
+    ///
+    /// # Errors
+    /// When the loss is not finite.
+    pub(crate) fn of(loss: &StepLoss, config: &TrainConfig, steps_done: usize) -> Result<Self> {
+        let value = loss.total.clone().into_scalar::<f64>();
+        if !value.is_finite() {
+            return Err(Error::Diverged { step: steps_done + 1, value });
+        }
+        Ok(Self {
+            step: steps_done + 1,
+            loss: value,
+            terms: loss.terms.iter().map(|(name, term)| (*name, term.clone().into_scalar::<f64>())).collect(),
+            mask_iou: loss.mask_iou,
+            learning_rate: config.learning_rate_at(steps_done),
+            samples: config.samples_at(steps_done),
+        })
+    }
 }
 
 /// A field in training.
@@ -151,22 +172,10 @@ impl<'a, F: Field + Module> Trainer<'a, F> {
             loss.terms.push(("sparse_depth", sparse));
         }
 
-        let value = loss.total.clone().into_scalar::<f64>();
-        if !value.is_finite() {
-            return Err(Error::Diverged { step: self.step + 1, value });
-        }
-        let learning_rate = config.learning_rate_at(self.step);
-        let report = StepReport {
-            step: self.step + 1,
-            loss: value,
-            terms: loss.terms.iter().map(|(name, term)| (*name, term.clone().into_scalar::<f64>())).collect(),
-            mask_iou: loss.mask_iou,
-            learning_rate,
-            samples: config.samples_at(self.step),
-        };
+        let report = StepReport::of(&loss, config, self.step)?;
         if !loss.terms.is_empty() {
             let gradients = GradientsParams::from_grads(loss.total.backward(), &self.field);
-            self.field = self.optimizer.step(learning_rate, self.field.clone(), gradients);
+            self.field = self.optimizer.step(report.learning_rate, self.field.clone(), gradients);
         }
         self.step += 1;
         Ok(report)

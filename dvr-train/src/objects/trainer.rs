@@ -154,22 +154,10 @@ impl Learner for ObjectsTrainer {
         let frozen = self.model.decoder.valid().with_codes(codes.clone().inner());
         let loss = self.loss(&self.model.field(codes), &frozen, batch.lesson);
 
-        let value = loss.total.clone().into_scalar::<f64>();
-        if !value.is_finite() {
-            return Err(Error::Diverged { step: self.step + 1, value });
-        }
-        let learning_rate = self.config.train.learning_rate_at(self.step);
-        let report = StepReport {
-            step: self.step + 1,
-            loss: value,
-            terms: loss.terms.iter().map(|(name, term)| (*name, term.clone().into_scalar::<f64>())).collect(),
-            mask_iou: loss.mask_iou,
-            learning_rate,
-            samples: self.config.train.samples_at(self.step),
-        };
+        let report = StepReport::of(&loss, &self.config.train, self.step)?;
         if !loss.terms.is_empty() {
             let gradients = GradientsParams::from_grads(loss.total.backward(), &self.model);
-            self.model = self.optimizer.step(learning_rate, self.model.clone(), gradients);
+            self.model = self.optimizer.step(report.learning_rate, self.model.clone(), gradients);
         }
         self.step += 1;
         Ok(report)
