@@ -20,7 +20,7 @@ use dvr_render::{
     TensorMarcher, implicit_depth,
 };
 use dvr_train::{Capacity, FastConfig, FastTrainer, Learner, Supervision, TrainConfig, Trainer, ViewSplit};
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 
 const RAYS: usize = 1024;
 
@@ -75,6 +75,26 @@ fn marching(c: &mut Criterion) {
         group.bench_function(format!("{hidden} wide, 128 samples + 8, fused, skipping, shaded"), |b| {
             b.iter(|| black_box(shader.shade(&rays)));
         });
+    }
+    group.finish();
+}
+
+/// The fused evaluator of the original's decoder. Elements are floating-point operations: reports are in (G)FLOP/s.
+fn fused_decoder(c: &mut Criterion) {
+    const POINTS: usize = 16_384;
+    let device = Device::flex();
+    let mut group = c.benchmark_group("fused decoder");
+    group.sample_size(10);
+    let points: Vec<Vec3> = (0..POINTS as u32)
+        .map(|i| Vec3::new((i as f32).sin(), (1.7 * i as f32).cos(), (2.3 * i as f32).sin()) * 0.4)
+        .collect();
+    for hidden in [64, 128, 512] {
+        let field = decoder(hidden, &device).valid();
+        let snapshots = field.snapshots();
+        // Five blocks of two layers; the first and the last layer are small.
+        let operations = POINTS * (5 * 2 * 2 * hidden * hidden + 2 * hidden * (3 + 1));
+        group.throughput(Throughput::Elements(operations as u64));
+        group.bench_function(format!("{hidden} wide, logits"), |b| b.iter(|| black_box(snapshots[0].logits(&points))));
     }
     group.finish();
 }
@@ -207,5 +227,15 @@ fn reading(c: &mut Criterion) {
     });
 }
 
-criterion_group!(benches, marching, root_search, depth_operation, training_step, extraction, lattices, reading);
+criterion_group!(
+    benches,
+    fused_decoder,
+    marching,
+    root_search,
+    depth_operation,
+    training_step,
+    extraction,
+    lattices,
+    reading
+);
 criterion_main!(benches);

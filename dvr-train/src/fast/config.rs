@@ -132,7 +132,7 @@ impl Default for FastLosses {
             color: 1.0,
             texture: 0.0,
             cross_view: 10.0,
-            cross_view_limit: 0.5,
+            cross_view_limit: 0.1,
             structure: 1.0,
             structure_limit: 0.3,
             structure_stride: 1,
