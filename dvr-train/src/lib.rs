@@ -71,7 +71,7 @@ pub use config::{HullUse, LossWeights, MarchStage, OccupancyPoint, Supervision, 
 pub use error::{Error, Result};
 pub use evaluate::{ShapeEvaluation, ViewEvaluation, evaluate_shape, evaluate_views};
 pub use export::{ColorSource, MeshOptions, object_mesh, world_mesh};
-pub use fast::{Capacity, DisagreeingViews, FastConfig, FastLosses, FastTrainer};
+pub use fast::{Capacity, DisagreeingViews, FastConfig, FastLosses, FastTrainer, Part, PartTimes};
 pub use finish::{RunMetrics, extraction_warnings, finish, judging_views, surface_points};
 pub use import::{ImportOptions, ImportedScene, import};
 pub use learner::Learner;

@@ -1,5 +1,6 @@
 //! The fast method: a field on lattices, rays that meet it exactly, and gradients by hand.
 
+mod clock;
 mod config;
 mod growth;
 mod levels;
@@ -11,5 +12,6 @@ mod state;
 mod trainer;
 mod views;
 
+pub use clock::{Part, PartTimes};
 pub use config::{Capacity, DisagreeingViews, FastConfig, FastLosses};
 pub use trainer::FastTrainer;

@@ -1,11 +1,14 @@
 //! The fast trainer: lattices, exact crossings, gradients by hand.
 
+use std::time::Instant;
+
 use dvr_core::UnitCube;
 use dvr_core::hull::MaskDistance;
 use dvr_kernels::{ActiveNodes, Lattice, Roughness, SignMap};
 use dvr_model::{LatticeField, LatticeValues, lattice_file};
 use rayon::prelude::*;
 
+use super::clock::{Part, PartTimes};
 use super::config::FastConfig;
 use super::growth::{Growth, Reached, Verdict};
 use super::levels::{Levels, prolonged};
@@ -53,6 +56,7 @@ pub struct FastTrainer<'a> {
     growth: Growth,
     finished: bool,
     notes: Vec<String>,
+    times: PartTimes,
 }
 
 impl<'a> FastTrainer<'a> {
@@ -104,6 +108,7 @@ impl<'a> FastTrainer<'a> {
             growth,
             finished: false,
             notes: Vec::new(),
+            times: PartTimes::default(),
         })
     }
 
@@ -153,6 +158,11 @@ impl<'a> FastTrainer<'a> {
         self.shape.parameters() + self.color.parameters()
     }
 
+    /// Where the time of the steps of this session went.
+    pub fn times(&self) -> &PartTimes {
+        &self.times
+    }
+
     /// The field as it is now.
     pub fn field(&self) -> LatticeField {
         LatticeField::new(
@@ -163,9 +173,14 @@ impl<'a> FastTrainer<'a> {
 
     /// One step: rays to lessons, lessons to gradients, gradients to parameters.
     fn follow_rays(&mut self) -> StepReport {
+        let mut start = Instant::now();
         let (lessons, tally) = self.lessons();
+        self.times.lap(Part::Rays, &mut start);
+        let (_, gradient, active) = self.color.values_and_gradient_mut();
+        gather_color(&lessons, active, &self.color_active, gradient);
         let (values, gradient, active) = self.shape.values_and_gradient_mut();
         gather_shape(&lessons, active, &self.shape_active, gradient);
+        self.times.lap(Part::Gather, &mut start);
         let losses = &self.config.losses;
         let mut roughness = 0.0;
         if losses.roughness > 0.0 {
@@ -173,15 +188,16 @@ impl<'a> FastTrainer<'a> {
             let weight = (losses.roughness * self.config.rays as f64) as f32;
             roughness = self.roughness.add_gradient(values, gradient, active, weight, losses.roughness_knee as f32);
         }
-        let (_, gradient, active) = self.color.values_and_gradient_mut();
-        gather_color(&lessons, active, &self.color_active, gradient);
+        self.times.lap(Part::Roughness, &mut start);
         self.color.pull_towards(self.mean_color, COLOR_REST);
         let decay = self.decay();
         let config = &self.config;
         let rate = |first: f64, ratio: f64| move |level: usize| (first * decay * ratio.powi(level as i32)) as f32;
         self.shape.step(rate(config.shape_rate, config.shape_rate_ratio));
         self.color.step(rate(config.color_rate, config.color_rate_ratio));
+        self.times.lap(Part::Levels, &mut start);
         self.map.update(self.shape.baked(), self.shape.active());
+        self.times.lap(Part::SignMap, &mut start);
         self.step += 1;
         self.rays_drawn += config.rays as u64;
         self.report(&tally, roughness, self.config.shape_rate * decay)
