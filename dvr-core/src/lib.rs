@@ -41,6 +41,7 @@ pub mod sampling;
 mod scene;
 mod srgb;
 pub mod synth;
+mod visibility;
 
 pub use bvh::{Bvh, RayHit};
 pub use camera::{Camera, Similarity};
@@ -51,3 +52,4 @@ pub use raster::{DepthMap, Mask};
 pub use ray::{Ray, UnitCube};
 pub use scene::{GroundTruth, Scene, SparsePoints, Split, View};
 pub use srgb::{linear_to_srgb, srgb_to_linear};
+pub use visibility::{Observation, Sight, Visibility};

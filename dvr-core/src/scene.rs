@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use glam::DVec3;
+
 use crate::camera::{Camera, Similarity};
 use crate::pixels::Picture;
 use crate::points::{OccupancySamples, PointCloud};
@@ -79,5 +81,11 @@ impl Scene {
     /// The views of one split, in order.
     pub fn views_of(&self, split: Split) -> impl Iterator<Item = &View> {
         self.views.iter().filter(move |view| view.split == split)
+    }
+
+    /// The direction that is up in most of the pictures, in object space; +y where they disagree.
+    pub fn up(&self) -> DVec3 {
+        let sum: DVec3 = self.views.iter().map(|view| -view.camera.rotation.row(1)).sum();
+        if sum.length() > 0.2 * self.views.len() as f64 { sum.normalize() } else { DVec3::Y }
     }
 }

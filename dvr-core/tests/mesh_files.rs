@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use dvr_core::Observation;
 use dvr_core::mesh::{Mesh, read_mesh, read_mesh_with_warnings, shapes, write_mesh};
 use glam::{Vec2, Vec3};
 
@@ -74,6 +75,35 @@ fn a_glb_is_aligned_linear_and_bounded() {
     let view = &json["bufferViews"][json["accessors"][color]["bufferView"].as_u64().unwrap() as usize];
     let at = 20 + word(12) + 8 + view["byteOffset"].as_u64().unwrap() as usize;
     assert!((f32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()) - 0.214).abs() < 1e-3, "not linear");
+}
+
+#[test]
+fn how_well_a_vertex_was_seen_is_stored_with_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let seen: Vec<Observation> =
+        (0..4).map(|i| Observation { views: 300 * i, confidence: 0.3 * f32::from(i) }).collect();
+    let mesh = Mesh { observations: Some(seen.clone()), ..quad() };
+    let path = folder.path().join("seen.ply");
+    write_mesh(&path, &mesh).unwrap();
+    assert_eq!(read_mesh(&path).unwrap().mesh.observations, Some(seen));
+
+    let path = folder.path().join("seen.glb");
+    write_mesh(&path, &mesh).unwrap();
+    assert_eq!(read_mesh(&path).unwrap().mesh.vertices, mesh.vertices, "other attributes do no harm");
+    let bytes = std::fs::read(&path).unwrap();
+    let length = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
+    let json: serde_json::Value = serde_json::from_slice(&bytes[20..20 + length]).unwrap();
+    let attributes = json["meshes"][0]["primitives"][0]["attributes"].as_object().unwrap();
+    for (name, last) in [("_CONFIDENCE", 0.9), ("_VIEWS", 900.0)] {
+        let accessor = &json["accessors"][attributes[name].as_u64().unwrap() as usize];
+        // What the Khronos validator asks of a vertex attribute: floats, aligned, as many as there are positions.
+        assert_eq!((&accessor["componentType"], &accessor["type"]), (&5126.into(), &"SCALAR".into()));
+        assert_eq!(accessor["count"], json["accessors"][attributes["POSITION"].as_u64().unwrap() as usize]["count"]);
+        let view = &json["bufferViews"][accessor["bufferView"].as_u64().unwrap() as usize];
+        assert_eq!(view["byteOffset"].as_u64().unwrap() % 4, 0);
+        let at = 20 + length + 8 + view["byteOffset"].as_u64().unwrap() as usize + 12;
+        assert!((f32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()) - last).abs() < 1e-6, "{name}");
+    }
 }
 
 fn quad() -> Mesh {

@@ -1,73 +1,54 @@
-//! Vertex colours from the photographs themselves.
+//! Vertex colours from the photographs themselves, and how many of them saw what they colour.
 //!
 //! The texture field is smooth on purpose: fine colour would explain the pictures on a wrong surface. Once the surface
 //! is known, its colours can be read where they are sharp.
 
 use dvr_core::mesh::Mesh;
-use dvr_core::{Bvh, Ray, View};
-use glam::{DVec2, DVec3};
+use dvr_core::{Observation, Sight, View, Visibility};
+use glam::DVec2;
 use rayon::prelude::*;
 
 /// Views that a vertex takes its colour from, at most: those that see it best.
 const BEST_VIEWS: usize = 5;
 
-/// Cosine between the line of sight and the normal below which a view does not see a vertex well enough.
-const MIN_COSINE: f64 = 0.2;
-
-/// Share of the distance to the camera that a line of sight leaves the surface by before it is tested for occlusion.
-const CLEARANCE: f64 = 2e-3;
-
-/// How well one view sees a vertex, and what it shows there.
-struct Sight {
+/// What one view shows at a vertex, and how much that counts.
+struct Shown {
     weight: f64,
     color: [f32; 3],
 }
 
-/// Replaces the colours of a mesh in object space by what `views` show at its vertices; those that no view sees well
-/// keep theirs. Returns how many vertices were seen.
+/// Notes on a mesh in object space how well `views` see its vertices, and replaces its colours by what they show there; vertices
+/// that no view sees keep theirs. Returns how many took a new colour.
 ///
 /// A vertex takes the weighted median of the views that see it best (most frontally, from the shortest distance in
 /// pixels), channel by channel: a highlight or a wrong mask in one of them does not count.
 pub fn bake_colors(mesh: &mut Mesh, views: &[&View]) -> usize {
-    let (Some(normals), Some(colors)) = (&mesh.normals, &mesh.colors) else { return 0 };
-    let bvh = Bvh::new(mesh);
-    let seen: Vec<Option<[f32; 3]>> = mesh
-        .vertices
-        .par_iter()
-        .zip(normals)
-        .map(|(vertex, normal)| {
-            let (point, normal) = (vertex.as_dvec3(), normal.as_dvec3());
-            let mut sights: Vec<Sight> = views.iter().filter_map(|view| sight(view, point, normal, &bvh)).collect();
-            sights.sort_by(|a, b| b.weight.total_cmp(&a.weight));
-            sights.truncate(BEST_VIEWS);
-            (!sights.is_empty()).then(|| [0, 1, 2].map(|channel| weighted_median(&sights, channel)))
+    let visibility = Visibility::new(mesh);
+    let seen: Vec<(Observation, Option<[f32; 3]>)> = (0..mesh.vertices.len())
+        .into_par_iter()
+        .map(|vertex| {
+            let sees = |(i, view): (usize, &&View)| visibility.sight(vertex, i, &view.camera);
+            let sights: Vec<Sight> = views.iter().enumerate().filter_map(sees).collect();
+            let mut shown: Vec<Shown> = sights.iter().filter_map(|sight| shown(views[sight.view], sight)).collect();
+            shown.sort_by(|a, b| b.weight.total_cmp(&a.weight));
+            shown.truncate(BEST_VIEWS);
+            let color = (!shown.is_empty()).then(|| [0, 1, 2].map(|channel| weighted_median(&shown, channel)));
+            (Observation::of(sights.iter().map(|sight| sight.cosine)), color)
         })
         .collect();
-    let count = seen.iter().flatten().count();
-    mesh.colors = Some(seen.into_iter().zip(colors).map(|(seen, &old)| seen.unwrap_or(old)).collect());
+    let count = seen.iter().filter(|(_, color)| color.is_some()).count();
+    if let Some(colors) = &mut mesh.colors {
+        colors.iter_mut().zip(&seen).for_each(|(color, (_, seen))| *color = seen.unwrap_or(*color));
+    }
+    mesh.observations = Some(seen.into_iter().map(|(observation, _)| observation).collect());
     count
 }
 
-/// What a view shows at a point, or `None` where it does not see it.
-fn sight(view: &View, point: DVec3, normal: DVec3, bvh: &Bvh) -> Option<Sight> {
-    let camera = &view.camera;
-    let (pixel, z_depth) = camera.project(point);
-    if z_depth <= 0.0 || !camera.sees(pixel) {
-        return None;
-    }
-    let to_camera = camera.center() - point;
-    let cosine = normal.dot(to_camera) / to_camera.length();
-    if cosine < MIN_COSINE {
-        return None;
-    }
-    let color = sample(view, pixel)?;
-    let line = Ray { origin: point, direction: to_camera };
-    if bvh.any_hit(&line, CLEARANCE, 1.0) {
-        return None;
-    }
+/// What a view that sees a vertex shows there; `None` where that is not the object.
+fn shown(view: &View, sight: &Sight) -> Option<Shown> {
     // Pixels a unit of surface: focal length over depth; squared it is the area's share of the picture.
-    let scale = camera.intrinsics.x_axis.x / z_depth;
-    Some(Sight { weight: (cosine * scale).powi(2), color })
+    let scale = view.camera.intrinsics.x_axis.x / sight.z_depth;
+    Some(Shown { weight: (sight.cosine * scale).powi(2), color: sample(view, sight.pixel)? })
 }
 
 /// The bilinear colour at pixel coordinates, or `None` where one of the four pixels is not the object's.
@@ -93,7 +74,7 @@ fn sample(view: &View, pixel: DVec2) -> Option<[f32; 3]> {
 }
 
 /// The value of one channel at which half of the weight is reached.
-fn weighted_median(sights: &[Sight], channel: usize) -> f32 {
+fn weighted_median(sights: &[Shown], channel: usize) -> f32 {
     let mut values: Vec<(f32, f64)> = sights.iter().map(|sight| (sight.color[channel], sight.weight)).collect();
     values.sort_by(|a, b| a.0.total_cmp(&b.0));
     let half = 0.5 * values.iter().map(|(_, weight)| weight).sum::<f64>();
@@ -111,7 +92,7 @@ fn weighted_median(sights: &[Sight], channel: usize) -> f32 {
 mod tests {
     use dvr_core::mesh::shapes;
     use dvr_core::{Camera, Mask, Split, stored};
-    use glam::Vec3;
+    use glam::{DVec3, Vec3};
 
     use super::*;
 
@@ -150,6 +131,8 @@ mod tests {
         assert_eq!(color_near(Vec3::Z), [1.0, 0.0, 0.0]);
         assert_eq!(color_near(Vec3::Y), [0.0, 1.0, 0.0]);
         assert_eq!(color_near(Vec3::NEG_Z), [0.0, 0.0, 1.0], "nobody sees the back");
+        let unseen = mesh.observations.as_ref().unwrap().iter().filter(|observation| observation.views == 0).count();
+        assert!(unseen > mesh.vertices.len() / 3 && unseen <= mesh.vertices.len() - seen);
     }
 
     #[test]

@@ -43,6 +43,9 @@ pub struct CheckpointHeader {
     pub object_to_world: Similarity,
     /// Views that were held out, by name.
     pub held_out: Vec<String>,
+    /// What was decided on the way and why, for people: how fine the field became, say.
+    #[serde(default)]
+    pub notes: Vec<String>,
 }
 
 /// The best validation of a run.

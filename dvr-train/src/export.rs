@@ -1,7 +1,7 @@
 //! From a trained field to a mesh in the world of the files.
 
 use dvr_core::mesh::Mesh;
-use dvr_core::{Similarity, View};
+use dvr_core::{Camera, Similarity, View, Visibility};
 use dvr_render::extract::{ExtractSettings, Extraction, ScalarField, extract_mesh};
 use glam::Vec3;
 
@@ -29,8 +29,8 @@ pub struct MeshOptions {
     pub max_simplification: f32,
 }
 
-/// Extracts the mesh of a field, in object space, with vertex colours; `seeds` are points near the surface, and `views`
-/// the photographs that may colour it.
+/// Extracts the mesh of a field, in object space, with vertex colours and, where there are `views`, how well these see its vertices;
+/// `seeds` are points near the surface, and `views` the photographs that may colour it.
 ///
 /// # Errors
 /// When the field has no surface in the cube; the message says what to try.
@@ -45,8 +45,14 @@ pub fn object_mesh(
     if options.max_simplification > 0.0 {
         extracted.mesh = extracted.mesh.simplified(options.max_simplification);
     }
+    if views.is_empty() {
+        return Ok(extracted);
+    }
     if options.colors == ColorSource::Photos {
         bake_colors(&mut extracted.mesh, views);
+    } else {
+        let cameras: Vec<&Camera> = views.iter().map(|view| &view.camera).collect();
+        extracted.mesh.observations = Some(Visibility::new(&extracted.mesh).observe(&cameras));
     }
     Ok(extracted)
 }

@@ -1,5 +1,7 @@
 //! What a run leaves for its user: mesh, preview sheet, figures.
 
+use std::time::Instant;
+
 use burn::tensor::Device;
 use dvr_core::mesh::{Mesh, write_mesh};
 use dvr_core::{Ray, Scene, Split, View};
@@ -48,6 +50,12 @@ pub struct RunMetrics {
     pub resources: Resources,
     /// What the user should know.
     pub warnings: Vec<String>,
+    /// What training decided on the way and why: how fine the field became, say.
+    #[serde(default)]
+    pub notes: Vec<String>,
+    /// Wall seconds of each part of the work after training.
+    #[serde(default)]
+    pub finishing_seconds: Vec<(String, f64)>,
 }
 
 /// Samples across the cube where a network is rendered.
@@ -78,6 +86,12 @@ pub fn finish(
     let method = &checkpoint.header.method;
     let views = ViewSplit::new(scene, method.hold_out_every())?;
     let mut warnings = scene.warnings.clone();
+    let mut clock = Instant::now();
+    let mut finishing_seconds = Vec::new();
+    let mut lap = |part: &str| {
+        finishing_seconds.push((part.to_owned(), clock.elapsed().as_secs_f64()));
+        clock = Instant::now();
+    };
 
     observer.phase("mesh, preview and figures", 4);
     let model = Model::load(checkpoint, device)?;
@@ -101,6 +115,7 @@ pub fn finish(
     if let Model::Lattice(_) = model {
         checkpoint.clone().final_model().save(&folder.scene_file())?;
     }
+    lap("mesh");
     observer.progress(1, "mesh");
 
     let judges = judging_views(scene, &views);
@@ -110,13 +125,16 @@ pub fn finish(
     let taken_home = mesh_shader.as_ref().map_or(shader.as_ref(), |shader| shader as &dyn Shader);
     let sheet = preview_sheet(taken_home, &shown, PREVIEW.1);
     dvr_core::files::write_rgb_png(&folder.preview(), &sheet)?;
+    lap("preview");
     observer.progress(2, "preview");
 
     let held_out = agreement(shader.as_ref(), &judges, HELD_OUT_PIXELS);
     let held_out_mesh = mesh_shader.as_ref().and_then(|shader| agreement(shader, &judges, HELD_OUT_PIXELS));
+    lap("held-out views");
     observer.progress(3, "held-out views");
     let empty = Mesh::default();
     let shape = evaluate_shape(mesh.as_ref().unwrap_or(&empty), &scene.ground_truth, method.seed())?;
+    lap("shape against the truth");
     let metrics = RunMetrics {
         scene: scene.name.clone(),
         supervision: method.supervision().to_string(),
@@ -131,6 +149,8 @@ pub fn finish(
         held_out_mesh,
         resources: Resources::now(),
         warnings,
+        notes: checkpoint.header.notes.clone(),
+        finishing_seconds,
     };
     let json = serde_json::to_string_pretty(&metrics).map_err(|e| Error::Config(e.to_string()))?;
     dvr_core::files::write_bytes_atomically(&folder.metrics_json(), json.as_bytes())?;

@@ -116,6 +116,7 @@ pub fn import(found: &mut PytorchCheckpoint, options: ImportOptions, device: &De
         reading: scene.reading,
         object_to_world: scene.object_to_world,
         held_out: Vec::new(),
+        notes: Vec::new(),
     };
     Ok(Checkpoint { header, state })
 }

@@ -24,6 +24,14 @@ const TERMS: [&str; 14] = [
     "normal",
 ];
 
+/// Names of the columns.
+fn header() -> Vec<&'static str> {
+    let mut header = vec!["step", "seconds", "loss", "mask_iou", "learning_rate", "samples"];
+    header.extend(TERMS);
+    header.extend(["held_out_psnr", "held_out_mask_iou", "cpu_seconds"]);
+    header
+}
+
 /// Rows of `metrics.csv`, kept in memory and written whole: a run killed at any moment leaves a complete file.
 #[derive(Clone, Debug, Default)]
 pub struct MetricsLog {
@@ -49,14 +57,18 @@ impl MetricsLog {
         for record in reader.records() {
             let record = record.map_err(broken)?;
             if record.get(0).and_then(|step| step.parse::<usize>().ok()).is_some_and(|step| step <= last_step) {
-                rows.push(record.iter().map(str::to_owned).collect());
+                // An earlier version of the program wrote fewer columns.
+                let mut row: Vec<String> = record.iter().map(str::to_owned).collect();
+                row.resize(row.len().max(header().len()), String::new());
+                rows.push(row);
             }
         }
         Ok(Self { rows })
     }
 
-    /// Adds a row: what a step did, and what a validation after it said.
-    pub fn push(&mut self, report: &StepReport, seconds: f64, validation: Option<&Agreement>) {
+    /// Adds a row: what a step did after so many wall seconds of training and CPU seconds of this process, and what a validation after
+    /// it said.
+    pub fn push(&mut self, report: &StepReport, seconds: f64, cpu_seconds: f64, validation: Option<&Agreement>) {
         let term = |name: &str| {
             let sum: f64 = report.terms.iter().filter(|(n, _)| *n == name).map(|(_, value)| value).sum();
             if report.terms.iter().any(|(n, _)| *n == name) { format!("{sum:.6}") } else { String::new() }
@@ -72,6 +84,7 @@ impl MetricsLog {
         row.extend(TERMS.iter().map(|name| term(name)));
         row.push(validation.map_or(String::new(), |v| format!("{:.3}", v.psnr)));
         row.push(validation.map_or(String::new(), |v| format!("{:.4}", v.mask_iou)));
+        row.push(format!("{cpu_seconds:.3}"));
         self.rows.push(row);
     }
 
@@ -80,10 +93,7 @@ impl MetricsLog {
     /// # Errors
     /// When it cannot be written.
     pub fn save(&self, path: &Path) -> Result<()> {
-        let mut header = vec!["step", "seconds", "loss", "mask_iou", "learning_rate", "samples"];
-        header.extend(TERMS);
-        header.extend(["held_out_psnr", "held_out_mask_iou"]);
-        let mut text = header.join(",");
+        let mut text = header().join(",");
         text.push('\n');
         for row in &self.rows {
             text.push_str(&row.join(","));

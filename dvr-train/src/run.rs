@@ -15,6 +15,7 @@ use crate::fast::FastTrainer;
 use crate::learner::Learner;
 use crate::method::Method;
 use crate::metrics_log::MetricsLog;
+use crate::resources::Resources;
 use crate::sparse::SparseTargets;
 use crate::trainer::{Trainer, ViewSplit};
 use crate::validate::Agreement;
@@ -77,6 +78,11 @@ impl RunFolder {
         self.root.join("mesh.glb")
     }
 
+    /// The report, a page for a browser.
+    pub fn report(&self) -> PathBuf {
+        self.root.join("report.html")
+    }
+
     /// Input, render, depth and normals side by side.
     pub fn preview(&self) -> PathBuf {
         self.root.join("preview.png")
@@ -113,6 +119,7 @@ impl RunFolder {
             self.mesh_ply(),
             self.mesh_glb(),
             self.preview(),
+            self.report(),
         ];
         for file in files.into_iter().filter(|file| file.exists()) {
             std::fs::remove_file(&file).map_err(|e| dvr_core::Error::io(&file, e))?;
@@ -210,6 +217,7 @@ pub fn train(
         reading: options.reading.clone(),
         object_to_world: scene.object_to_world,
         held_out: held_out.clone(),
+        notes: Vec::new(),
     };
     match &method {
         Method::Lattice(config) => {
@@ -279,15 +287,19 @@ pub(crate) fn carry_out(
 ) -> Result<Trained> {
     let before = resume_from.map_or(0.0, |checkpoint| checkpoint.header.seconds);
     let elapsed = || before + start.elapsed().as_secs_f64();
+    let cpu = || Resources::now().cpu_seconds;
     let mut log = MetricsLog::default();
     let mut best = None;
+    let mut notes = Vec::new();
     if let Some(checkpoint) = resume_from {
         learner.resume(&checkpoint.state, checkpoint.header.step)?;
         log = MetricsLog::resume(&options.folder.metrics_csv(), checkpoint.header.step)?;
         best = checkpoint.header.best;
+        notes.clone_from(&checkpoint.header.notes);
     }
-    let checkpoint = |learner: &dyn Learner, best| -> Result<Checkpoint> {
-        Ok(Checkpoint { header: header(learner.steps_done(), best, elapsed()), state: learner.state()? })
+    let checkpoint = |learner: &dyn Learner, best, notes: &[String]| -> Result<Checkpoint> {
+        let header = header(learner.steps_done(), best, elapsed());
+        Ok(Checkpoint { header: CheckpointHeader { notes: notes.to_vec(), ..header }, state: learner.state()? })
     };
 
     observer.phase("training", learner.total_steps());
@@ -296,6 +308,9 @@ pub(crate) fn carry_out(
     while learner.steps_done() < learner.total_steps() {
         let report = learner.step()?;
         let step = report.step;
+        let said = learner.notes();
+        said.iter().for_each(|note| observer.note(note));
+        notes.extend(said);
         stop = match () {
             () if options.interrupted.load(Ordering::Relaxed) => Stop::Interrupted,
             () if options.time_limit.is_some_and(|limit| elapsed() >= limit.as_secs_f64()) => Stop::TimeLimit,
@@ -307,7 +322,7 @@ pub(crate) fn carry_out(
             validation = learner.validate(VALIDATION_PIXELS);
         }
         if step % LOG_EVERY == 0 || validate_now {
-            log.push(&report, elapsed(), validation.as_ref().filter(|_| validate_now));
+            log.push(&report, elapsed(), cpu(), validation.as_ref().filter(|_| validate_now));
         }
         let found = validation.filter(|_| validate_now);
         let found = found.map(|found| Best { step, psnr: found.psnr, mask_iou: found.mask_iou });
@@ -315,13 +330,12 @@ pub(crate) fn carry_out(
             && best.is_none_or(|best| figure(&found) > figure(&best))
         {
             best = Some(found);
-            checkpoint(learner, best)?.save(&options.folder.best())?;
+            checkpoint(learner, best, &notes)?.save(&options.folder.best())?;
         }
         if ending || step % pace.checkpoint_every == 0 {
-            checkpoint(learner, best)?.save(&options.folder.last())?;
+            checkpoint(learner, best, &notes)?.save(&options.folder.last())?;
             log.save(&options.folder.metrics_csv())?;
         }
-        learner.notes().iter().for_each(|note| observer.note(note));
         let held = validation.map_or(String::new(), |v| format!("  held-out {:.2} dB, IoU {:.3}", v.psnr, v.mask_iou));
         observer.progress(step, &format!("loss {:.4}  IoU {:.3}{held}", report.loss, report.mask_iou));
         if stop != Stop::Done {
@@ -331,7 +345,7 @@ pub(crate) fn carry_out(
     let steps = learner.steps_done();
     let seconds = elapsed();
     if steps == 0 {
-        checkpoint(learner, best)?.save(&options.folder.last())?;
+        checkpoint(learner, best, &notes)?.save(&options.folder.last())?;
     }
     let checkpoint =
         if stop == Stop::Interrupted { Checkpoint::load(&options.folder.last())? } else { options.folder.load()? };

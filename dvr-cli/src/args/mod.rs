@@ -6,6 +6,7 @@ mod exchange;
 mod mesh;
 mod predict;
 mod render;
+mod report;
 mod scene;
 mod synth;
 mod train;
@@ -21,6 +22,7 @@ pub use exchange::{ExportArgs, ImportArgs};
 pub use mesh::{Colors, ContourName, MeshArgs, MeshingArgs, SurfaceArgs};
 pub use predict::PredictArgs;
 pub use render::{Animation, Cameras, RenderArgs, UpAxis};
+pub use report::ReportArgs;
 pub use scene::{InfoArgs, SceneArgs};
 pub use synth::SynthArgs;
 pub use train::{CapacityArg, MethodName, ObjectsArgs, TrainArgs};
@@ -53,6 +55,8 @@ pub enum Command {
     Render(RenderArgs),
     /// Measure a run or a mesh: shape against ground truth, pictures against held-out views
     Eval(EvalArgs),
+    /// Tell of one run, or of several side by side, on a page for a browser: the mesh in 3D, held-out views, curves, settings
+    Report(ReportArgs),
     /// Compare methods, or variants of one, on scenes: quality, time, memory and bytes with their spread over seeds
     Bench(BenchArgs),
     /// Render meshes into a ShapeNet-style dataset with images, masks, depth, cameras and ground truth

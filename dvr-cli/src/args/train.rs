@@ -56,6 +56,9 @@ pub struct TrainArgs {
     /// Print the configuration as JSON and stop
     #[arg(long, help_heading = "Training")]
     pub print_config: bool,
+    /// Write no report.html
+    #[arg(long)]
+    pub no_report: bool,
     #[command(flatten)]
     pub objects: ObjectsArgs,
     #[command(flatten)]

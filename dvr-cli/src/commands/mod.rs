@@ -9,6 +9,7 @@ pub mod info;
 pub mod mesh;
 pub mod predict;
 pub mod render;
+pub mod report;
 pub mod synth;
 pub mod train;
 mod train_objects;

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result};
 use dvr_core::files::{write_bytes_atomically, write_depth_exr, write_rgb_exr, write_rgb_png};
-use dvr_core::{Camera, Scene, Similarity};
+use dvr_core::{Camera, Similarity};
 use dvr_render::{Rendering, render_view};
 use dvr_train::Observer;
 use dvr_train::preview::{normal_picture, orbit_camera, to_rgb8};
@@ -35,7 +35,7 @@ pub fn run(args: &RenderArgs) -> Result<ExitCode> {
         Cameras::Orbit => {
             let up = match args.up {
                 Some(axis) => axis_vector(axis),
-                None => scene.and_then(Result::ok).map_or(DVec3::Y, |scene| mean_up(&scene)),
+                None => scene.and_then(Result::ok).map_or(DVec3::Y, |scene| scene.up()),
             };
             orbit(args, up)
         }
@@ -87,12 +87,6 @@ fn write_frame(
 fn orbit(args: &RenderArgs, up: DVec3) -> Vec<(String, Camera)> {
     let camera = |i| orbit_camera(args.size, 360.0 * f64::from(i) / f64::from(args.frames), args.elevation, up);
     (0..args.frames).map(|i| (format!("orbit_{i:04}"), camera(i))).collect()
-}
-
-/// The direction that is up in most of the scene's pictures; +y where they disagree.
-fn mean_up(scene: &Scene) -> DVec3 {
-    let sum: DVec3 = scene.views.iter().map(|view| -view.camera.rotation.row(1)).sum();
-    if sum.length() > 0.2 * scene.views.len() as f64 { sum.normalize() } else { DVec3::Y }
 }
 
 fn axis_vector(axis: UpAxis) -> DVec3 {

@@ -8,15 +8,17 @@ use anyhow::{Context, Result, bail};
 use cpu_time::ProcessTime;
 use dvr_core::dataset::{Format, is_object_dataset, read_scene};
 use dvr_core::{Scene, Split};
+use dvr_report::SourceRun;
 use dvr_train::{
-    Agreement, Capacity, Checkpoint, FastConfig, Method, ObjectsConfig, OriginalConfig, RunFolder, RunMetrics,
-    RunOptions, Stop, Supervision, TrainConfig, Trained, ViewSplit, finish, train,
+    Agreement, Capacity, Checkpoint, FastConfig, Method, ObjectsConfig, Observer, OriginalConfig, RunFolder,
+    RunMetrics, RunOptions, Stop, Supervision, TrainConfig, Trained, ViewSplit, finish, train,
 };
 
 use super::{SCENE_RESOLUTION, mesh_options, print_notes, scene_of_run, train_objects};
 use crate::EXIT_INTERRUPTED;
 use crate::args::{CapacityArg, MethodName, TrainArgs};
 use crate::commands::eval::print_shape;
+use crate::commands::report::write_report;
 use crate::progress::Progress;
 
 /// Set by Ctrl-C.
@@ -75,6 +77,12 @@ fn train_scene(args: &TrainArgs, folder: &RunFolder, config: Method, resumed: Op
         &device,
         &mut progress,
     )?;
+    if !args.no_report {
+        progress.phase("report", 1);
+        let run = SourceRun { folder: folder.clone(), header: trained.checkpoint.header, scene: Some(&scene) };
+        write_report(&[run], &folder.report())?;
+        progress.progress(1, "");
+    }
     report(&metrics, folder, trained.seconds, cpu_seconds);
     if metrics.mesh.is_none() {
         bail!("there is no mesh: the field has no surface. Check masks and cameras with `dvr info`");
@@ -280,7 +288,14 @@ fn report(metrics: &RunMetrics, folder: &RunFolder, seconds: f64, cpu_seconds: f
     if let Some([vertices, faces]) = metrics.mesh {
         println!("mesh: {vertices} vertices, {faces} faces");
     }
-    let files = [folder.mesh_ply(), folder.mesh_glb(), folder.scene_file(), folder.preview(), folder.metrics_json()];
+    let files = [
+        folder.mesh_ply(),
+        folder.mesh_glb(),
+        folder.scene_file(),
+        folder.preview(),
+        folder.metrics_json(),
+        folder.report(),
+    ];
     for path in files.iter().filter(|path| path.exists()) {
         println!("wrote {}", path.display());
     }

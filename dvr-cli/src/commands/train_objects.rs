@@ -7,12 +7,14 @@ use anyhow::{Context, Result, bail};
 use cpu_time::ProcessTime;
 use dvr_core::Split;
 use dvr_core::dataset::{ObjectDataset, ObjectOptions, ReadOptions};
+use dvr_report::SourceRun;
 use dvr_train::{
     Checkpoint, Method, ObjectsConfig, ObjectsMetrics, RunFolder, Stop, Trained, finish_objects, train_objects,
 };
 
 use super::train::{interrupted, prepare, run_options};
 use crate::args::{SceneArgs, TrainArgs};
+use crate::commands::report::write_report;
 use crate::progress::Progress;
 
 /// Trains, then writes preview and figures.
@@ -45,6 +47,10 @@ pub fn run(
         return Ok(interrupted(&result.trained, folder));
     }
     let metrics = finish_objects(&dataset, &result, folder, &options.device, &mut progress)?;
+    if !args.no_report {
+        let run = SourceRun { folder: folder.clone(), header: result.trained.checkpoint.header.clone(), scene: None };
+        write_report(&[run], &folder.report())?;
+    }
     report(&metrics, &result.trained, folder, cpu_seconds);
     Ok(ExitCode::SUCCESS)
 }
@@ -103,7 +109,7 @@ fn report(metrics: &ObjectsMetrics, trained: &Trained, folder: &RunFolder, cpu_s
     if !metrics.broken.is_empty() {
         println!("{} object(s) could not be used and were left out; metrics.json names them", metrics.broken.len());
     }
-    for path in [folder.preview(), folder.metrics_json()].iter().filter(|path| path.exists()) {
+    for path in [folder.preview(), folder.metrics_json(), folder.report()].iter().filter(|path| path.exists()) {
         println!("wrote {}", path.display());
     }
     println!("next: dvr eval {} --split test", folder.root().display());

@@ -14,6 +14,9 @@ const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 
 /// The mesh as a GLB with one rough, two-sided material; vertex colours are stored linear, as glTF defines `COLOR_0`.
 ///
+/// Observations become the application-specific attributes `_CONFIDENCE` and `_VIEWS` (section 3.7.2.1). The number of views is
+/// a float as well: unsigned integers of 32 bits are for indices alone, and shorter ones would break the alignment to four bytes.
+///
 /// A mesh without faces gives a valid file without a scene.
 pub(super) fn encode(mesh: &Mesh) -> Vec<u8> {
     let mut file = GlbBuffer::default();
@@ -28,6 +31,12 @@ pub(super) fn encode(mesh: &Mesh) -> Vec<u8> {
         if let Some(colors) = &mesh.colors {
             let linear = colors.iter().flatten().map(|&c| srgb_to_linear(c.clamp(0.0, 1.0)));
             attributes["COLOR_0"] = file.vectors(linear, colors.len()).into();
+        }
+        if let Some(observations) = &mesh.observations {
+            let confidence = observations.iter().map(|observation| observation.confidence);
+            attributes["_CONFIDENCE"] = file.scalars(confidence, observations.len()).into();
+            let views = observations.iter().map(|observation| f32::from(observation.views));
+            attributes["_VIEWS"] = file.scalars(views, observations.len()).into();
         }
         let indices = file.indices(&mesh.faces);
         root["scene"] = 0.into();
@@ -63,8 +72,16 @@ impl GlbBuffer {
     }
 
     fn vectors(&mut self, values: impl Iterator<Item = f32>, count: usize) -> usize {
+        self.floats(values, count, "VEC3")
+    }
+
+    fn scalars(&mut self, values: impl Iterator<Item = f32>, count: usize) -> usize {
+        self.floats(values, count, "SCALAR")
+    }
+
+    fn floats(&mut self, values: impl Iterator<Item = f32>, count: usize, kind: &str) -> usize {
         let view = self.view(values.flat_map(f32::to_le_bytes), ARRAY_BUFFER);
-        self.accessors.push(json!({ "bufferView": view, "componentType": FLOAT, "count": count, "type": "VEC3" }));
+        self.accessors.push(json!({ "bufferView": view, "componentType": FLOAT, "count": count, "type": kind }));
         self.accessors.len() - 1
     }
 

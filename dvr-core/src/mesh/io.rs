@@ -40,10 +40,11 @@ pub fn read_mesh_with_warnings(path: impl AsRef<Path>, warnings: &mut Vec<String
     Ok(mesh)
 }
 
-/// Writes a mesh with its normals and colours as OBJ, PLY (binary) or GLB, by the path's extension.
+/// Writes a mesh with its normals, colours and observations as OBJ, PLY (binary) or GLB, by the path's extension.
 ///
-/// Colours are stored per vertex: OBJ as `v x y z r g b`, PLY as bytes, GLB as `COLOR_0`, which glTF wants linear. The file
-/// appears whole or not at all.
+/// Colours are stored per vertex: OBJ as `v x y z r g b`, PLY as bytes, GLB as `COLOR_0`, which glTF wants linear. OBJ has
+/// no place for observations; PLY calls them `confidence` and `views`, GLB `_CONFIDENCE` and `_VIEWS`. The file appears whole or
+/// not at all.
 ///
 /// # Errors
 /// When the extension is none of these, or the file cannot be written.

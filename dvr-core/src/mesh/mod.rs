@@ -20,6 +20,7 @@ use glam::{Vec2, Vec3};
 pub use io::{read_mesh, read_mesh_with_warnings, write_mesh};
 
 use crate::camera::Similarity;
+use crate::visibility::Observation;
 
 /// A triangle mesh. Faces wind counter-clockwise seen from outside.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -32,6 +33,8 @@ pub struct Mesh {
     pub normals: Option<Vec<Vec3>>,
     /// sRGB colours in `[0, 1]`, one a vertex.
     pub colors: Option<Vec<[f32; 3]>>,
+    /// How well the photographs that a mesh was made from see it, one a vertex.
+    pub observations: Option<Vec<Observation>>,
 }
 
 impl Mesh {
@@ -49,6 +52,17 @@ impl Mesh {
     pub fn bounds(&self) -> Option<(Vec3, Vec3)> {
         let first = *self.vertices.first()?;
         Some(self.vertices.iter().fold((first, first), |(low, high), &v| (low.min(v), high.max(v))))
+    }
+
+    /// Edges that are not shared by exactly two faces that wind the same way; a watertight mesh has none.
+    pub fn open_edges(&self) -> usize {
+        // Each edge once from each side: sorted by its ends, the two lie together and go opposite ways.
+        let edge = |a: u32, b: u32| (a.min(b), a.max(b), a < b);
+        let mut edges: Vec<(u32, u32, bool)> =
+            self.faces.iter().flat_map(|&[a, b, c]| [edge(a, b), edge(b, c), edge(c, a)]).collect();
+        edges.sort_unstable();
+        let is_open = |sides: &&[(u32, u32, bool)]| !matches!(sides, [(.., false), (.., true)]);
+        edges.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)).filter(is_open).count()
     }
 
     /// The mesh in the world of the files: positions through the similarity, normals rotated.
@@ -88,4 +102,20 @@ pub struct TexturedMesh {
     pub face_materials: Vec<u32>,
     /// The materials; empty means [`Material::default`].
     pub materials: Vec<Material>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_closed_mesh_has_no_open_edge_and_one_with_a_hole_has_those_around_it() {
+        let mut ball = shapes::icosphere(2, 1.0);
+        assert_eq!(ball.open_edges(), 0);
+        ball.faces.pop();
+        assert_eq!(ball.open_edges(), 3);
+        let turned = ball.faces[0];
+        ball.faces[0] = [turned[0], turned[2], turned[1]];
+        assert_eq!(ball.open_edges(), 6, "a face that winds the other way has no neighbours");
+    }
 }

@@ -10,8 +10,9 @@ use super::io::white;
 use super::polygon::triangulate;
 use super::{Mesh, TexturedMesh};
 use crate::error::{Error, Result};
+use crate::visibility::Observation;
 
-/// Reads ASCII and binary files: positions, normals, colours (whole numbers or fractions) and polygons.
+/// Reads ASCII and binary files: positions, normals, colours (whole numbers or fractions), observations and polygons.
 pub(super) fn read(path: &Path, bytes: &[u8], _warnings: &mut Vec<String>) -> Result<TexturedMesh> {
     let fail =
         |problem: String| Error::format(path, problem, "Export the mesh again, as PLY with triangles or polygons.");
@@ -25,10 +26,12 @@ pub(super) fn read(path: &Path, bytes: &[u8], _warnings: &mut Vec<String>) -> Re
     let elements = |name: &str| ply.payload.get(name).map_or(&[][..], Vec::as_slice);
     let vertices = elements("vertex");
     let has_colors = COLOR_NAMES.iter().any(|names| has(*names));
+    let has_observations = OBSERVATION_NAMES.iter().all(|n| vertex_header.properties.contains_key(*n));
     let mut mesh = Mesh {
         vertices: vertices.iter().map(|e| e.position).collect(),
         normals: has(["nx", "ny", "nz"]).then(|| vertices.iter().map(|e| e.normal.normalize_or_zero()).collect()),
         colors: has_colors.then(|| vertices.iter().map(|e| e.color).collect()),
+        observations: has_observations.then(|| vertices.iter().map(|e| e.observation).collect()),
         ..Mesh::default()
     };
     for face in elements("face") {
@@ -47,12 +50,16 @@ pub(super) fn read(path: &Path, bytes: &[u8], _warnings: &mut Vec<String>) -> Re
 const COLOR_NAMES: [[&str; 3]; 3] =
     [["red", "green", "blue"], ["diffuse_red", "diffuse_green", "diffuse_blue"], ["r", "g", "b"]];
 
+/// What the parts of an [`Observation`] are called.
+const OBSERVATION_NAMES: [&str; 2] = ["confidence", "views"];
+
 /// A vertex or a face: what is not in the file stays zero.
 #[derive(Default)]
 struct Element {
     position: Vec3,
     normal: Vec3,
     color: [f32; 3],
+    observation: Observation,
     corners: Vec<u32>,
 }
 
@@ -80,6 +87,8 @@ impl PropertyAccess for Element {
             "nx" => self.normal.x = value,
             "ny" => self.normal.y = value,
             "nz" => self.normal.z = value,
+            "confidence" => self.observation.confidence = value,
+            "views" => self.observation.views = value as u16,
             _ => match (0..3).find(|&channel| COLOR_NAMES.iter().any(|names| names[channel] == name)) {
                 Some(channel) => self.color[channel] = value / full,
                 None => return PropertyAccessResult::Ignored,
@@ -89,7 +98,7 @@ impl PropertyAccess for Element {
     }
 }
 
-/// The mesh as binary little-endian PLY: positions, normals, colours as bytes, triangles.
+/// The mesh as binary little-endian PLY: positions, normals, colours as bytes, observations, triangles.
 pub(super) fn encode(mesh: &Mesh) -> Vec<u8> {
     let mut header = String::from("ply\nformat binary_little_endian 1.0\ncomment dvr\n");
     header += &format!("element vertex {}\n", mesh.vertices.len());
@@ -99,6 +108,9 @@ pub(super) fn encode(mesh: &Mesh) -> Vec<u8> {
     }
     if mesh.colors.is_some() {
         header += "property uchar red\nproperty uchar green\nproperty uchar blue\n";
+    }
+    if mesh.observations.is_some() {
+        header += "property float confidence\nproperty ushort views\n";
     }
     header += &format!("element face {}\n", mesh.faces.len());
     header += "property list uchar int vertex_indices\nend_header\n";
@@ -110,6 +122,10 @@ pub(super) fn encode(mesh: &Mesh) -> Vec<u8> {
         }
         if let Some(colors) = &mesh.colors {
             bytes.extend(colors[i].map(|c| (c.clamp(0.0, 1.0) * 255.0).round() as u8));
+        }
+        if let Some(observations) = &mesh.observations {
+            bytes.extend(observations[i].confidence.to_le_bytes());
+            bytes.extend(observations[i].views.to_le_bytes());
         }
     }
     for face in &mesh.faces {

@@ -47,7 +47,7 @@ pub fn icosphere(subdivisions: u32, radius: f32) -> Mesh {
         faces = finer;
     }
     let vertices = normals.iter().map(|&n| radius * n).collect();
-    Mesh { vertices, faces, normals: Some(normals), colors: None }
+    Mesh { vertices, faces, normals: Some(normals), ..Mesh::default() }
 }
 
 /// An axis-parallel box of 8 vertices and 12 faces, without normals (its edges are hard).
@@ -121,7 +121,7 @@ pub fn loft(frames: &[Frame], outline: &[Vec2], closed: bool) -> Mesh {
             }
         }
     }
-    Mesh { vertices, faces, normals: Some(normals), colors: None }
+    Mesh { vertices, faces, normals: Some(normals), ..Mesh::default() }
 }
 
 /// A surface of revolution around the y axis: the profile `(radius, y)` runs from the lower pole over the outside to the
@@ -152,7 +152,7 @@ pub fn revolve(profile: &[Vec2], around: u32) -> Mesh {
         }
     }
     let normals = vertex_normals(&vertices, &faces);
-    Mesh { vertices, faces, normals: Some(normals), colors: None }
+    Mesh { vertices, faces, normals: Some(normals), ..Mesh::default() }
 }
 
 /// The edges of a cube of the given edge length as square rods, each a closed box: parts overlap at the corners.

@@ -6,7 +6,7 @@ use super::Mesh;
 
 impl Mesh {
     /// The mesh with as few triangles as keep its surface within about `max_error` (in the mesh's units) of where it
-    /// was. Topology is kept: a closed mesh stays closed. Vertices that remain keep position, normal and colour.
+    /// was. Topology is kept: a closed mesh stays closed. Vertices that remain keep position, normal, colour and observation.
     #[must_use]
     pub fn simplified(&self, max_error: f32) -> Self {
         let indices: Vec<u32> = self.faces.iter().flatten().copied().collect();
@@ -33,6 +33,7 @@ impl Mesh {
             faces,
             normals: self.normals.as_ref().map(|normals| used.iter().map(|&i| normals[i]).collect()),
             colors: self.colors.as_ref().map(|colors| used.iter().map(|&i| colors[i]).collect()),
+            observations: self.observations.as_ref().map(|seen| used.iter().map(|&i| seen[i]).collect()),
         }
     }
 }

@@ -94,7 +94,7 @@ mod tests {
         let vertices =
             vec![Vec3::Z, Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::ONE, Vec3::ONE + 0.1 * Vec3::X, Vec3::splat(1.1)];
         let colors = Some((0..7).map(|k| [k as f32 / 6.0; 3]).collect());
-        Mesh { vertices, faces: vec![[4, 5, 6], [1, 2, 3]], normals: None, colors }
+        Mesh { vertices, faces: vec![[4, 5, 6], [1, 2, 3]], colors, ..Mesh::default() }
     }
 
     #[test]

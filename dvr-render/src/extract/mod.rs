@@ -133,7 +133,7 @@ pub fn extract_mesh<F: ScalarField + ?Sized>(
         warnings.push(ExtractWarning::CutByCube { vertices: cut });
     }
     let colors = vertex_colors(field, &vertices, &normals, settings.max_points)?;
-    let mesh = Mesh { vertices, faces, normals: Some(normals), colors };
+    let mesh = Mesh { vertices, faces, normals: Some(normals), colors, observations: None };
     Ok(Extraction { mesh, resolution, evaluations, components, dropped_components, warnings })
 }
 

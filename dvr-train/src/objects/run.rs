@@ -102,6 +102,7 @@ pub fn train_objects(
         reading: options.reading.clone(),
         object_to_world: Similarity::default(),
         held_out: Vec::new(),
+        notes: Vec::new(),
     };
     let pace = Pace {
         validate_every: config.train.validate_every,

@@ -1,0 +1,70 @@
+//! `dvr report`: runs as a page for a browser.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::Result;
+use dvr_core::Scene;
+use dvr_core::files::write_bytes_atomically;
+use dvr_report::{SourceRun, run_report};
+use dvr_train::{Checkpoint, CheckpointHeader, Method, Observer, RunFolder};
+
+use super::scene_of_run;
+use crate::args::ReportArgs;
+use crate::progress::Progress;
+
+/// Reads the runs and their scenes, and writes the page.
+pub fn run(args: &ReportArgs) -> Result<ExitCode> {
+    let mut progress = Progress::new();
+    progress.phase("report", args.runs.len() + 1);
+    let mut sources: Vec<(RunFolder, CheckpointHeader, Option<Scene>)> = Vec::new();
+    for (i, path) in args.runs.iter().enumerate() {
+        let folder = RunFolder::new(path);
+        let checkpoint = folder.load()?;
+        let scene = scene_at_hand(&checkpoint, args.data.as_ref(), &mut progress)?;
+        sources.push((folder, checkpoint.header, scene));
+        progress.progress(i + 1, &path.display().to_string());
+    }
+    let runs: Vec<SourceRun> = sources
+        .iter()
+        .map(|(folder, header, scene)| SourceRun {
+            folder: folder.clone(),
+            header: header.clone(),
+            scene: scene.as_ref(),
+        })
+        .collect();
+    let out = match (&args.out, args.runs.as_slice()) {
+        (Some(path), _) => path.clone(),
+        (None, [run]) => RunFolder::new(run).report(),
+        (None, _) => PathBuf::from("report.html"),
+    };
+    write_report(&runs, &out)?;
+    progress.progress(args.runs.len() + 1, "");
+    println!("wrote {}", out.display());
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Writes the page of some runs.
+pub fn write_report(runs: &[SourceRun], out: &Path) -> Result<()> {
+    Ok(write_bytes_atomically(out, run_report(runs, &program())?.as_bytes())?)
+}
+
+/// What made a page, for its last line.
+pub fn program() -> String {
+    format!("dvr {} ({})", env!("CARGO_PKG_VERSION"), env!("DVR_COMMIT"))
+}
+
+/// The scene of a run; where it is gone and nobody says where it is now, the report does without.
+fn scene_at_hand(checkpoint: &Checkpoint, moved: Option<&PathBuf>, progress: &mut Progress) -> Result<Option<Scene>> {
+    if let Method::Objects(_) = checkpoint.header.method {
+        return Ok(None);
+    }
+    match scene_of_run(checkpoint, moved) {
+        Ok(scene) => Ok(Some(scene)),
+        Err(error) if moved.is_some() => Err(error),
+        Err(error) => {
+            progress.note(&format!("no views in the report: {error:#}"));
+            Ok(None)
+        }
+    }
+}

@@ -1,0 +1,253 @@
+//! All that a page tells of one run, gathered from its folder and, where it is at hand, its scene.
+
+use std::path::Path;
+
+use dvr_core::mesh::{Mesh, read_mesh};
+use dvr_core::{Camera, Scene, Split, View, Visibility};
+use dvr_render::MeshShader;
+use dvr_train::{
+    CheckpointHeader, Method, ObjectsMetrics, RunFolder, RunMetrics, Summary, ViewSplit, agreement, judging_views,
+};
+use glam::DVec3;
+use serde_json::{Value, json};
+
+use crate::curves::Curves;
+use crate::error::{Error, Result};
+use crate::findings::{Findings, disagreeing_masks};
+use crate::mesh_data::{EncodedMesh, encode};
+use crate::pictures::{ViewPictures, jpeg, view_pictures};
+use crate::settings::Settings;
+use crate::surface::Coverage;
+
+/// How much of a page one run may fill.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Budget {
+    /// Faces of the mesh.
+    pub faces: usize,
+    /// Held-out views.
+    pub views: usize,
+    /// Pixels that a picture is wide, at most.
+    pub width: u32,
+}
+
+impl Budget {
+    /// For each of so many runs on one page.
+    pub fn of_runs(runs: usize) -> Self {
+        let runs = runs.max(1);
+        Self { faces: (200_000 / runs).max(8_000), views: if runs == 1 { 5 } else { (8 / runs).max(1) }, width: 480 }
+    }
+
+    /// A third less of everything.
+    pub fn tighter(self) -> Self {
+        Self { faces: self.faces * 2 / 3, views: (self.views * 2 / 3).max(1), width: self.width * 5 / 6 }
+    }
+}
+
+/// The final figures of a run.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Figures {
+    /// Of one scene.
+    Scene(Box<RunMetrics>),
+    /// Of a dataset of many objects.
+    Objects(ObjectsMetrics),
+}
+
+/// What is known of the scene.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SceneFacts {
+    /// Layout of its files.
+    pub format: String,
+    /// Views to train on, held out, and for testing.
+    pub views: [usize; 3],
+    /// Size of the pictures in pixels.
+    pub size: (u32, u32),
+}
+
+/// One run, ready to be told.
+#[derive(Clone, Debug)]
+pub struct RunStory {
+    /// The folder's name.
+    pub name: String,
+    /// The scene's name, or that of the dataset.
+    pub title: String,
+    /// How the run was configured.
+    pub settings: Settings,
+    /// What the checkpoint says about itself.
+    pub header: CheckpointHeader,
+    /// The final figures.
+    pub figures: Figures,
+    /// The curves.
+    pub curves: Curves,
+    /// The mesh for the page's viewer, and what else that needs.
+    pub mesh: Option<(EncodedMesh, Value)>,
+    /// How well the surface was seen.
+    pub coverage: Option<Coverage>,
+    /// The scene, where it was at hand.
+    pub scene: Option<SceneFacts>,
+    /// Held-out views; training views where none were held out.
+    pub views: Vec<ViewPictures>,
+    /// Whether the views were not trained on.
+    pub views_are_held_out: bool,
+    /// What the reader should know, in plain words.
+    pub findings: Findings,
+    /// The preview sheet of a dataset's run, as an address.
+    pub preview: Option<String>,
+    /// Evaluations of a dataset's run, by the split's name.
+    pub evaluations: Vec<(String, Summary)>,
+}
+
+impl RunStory {
+    /// Gathers it. `header` is that of the run's checkpoint, and `scene` its scene in the object space of training.
+    ///
+    /// # Errors
+    /// When the folder holds no finished run, or its files are damaged.
+    pub fn gather(
+        folder: &RunFolder,
+        header: &CheckpointHeader,
+        scene: Option<&Scene>,
+        budget: Budget,
+    ) -> Result<Self> {
+        let settings = Settings::new(&header.method)?;
+        let curves = Curves::read(&folder.metrics_csv())?;
+        let name = name_of(folder.root());
+        let text = std::fs::read_to_string(folder.metrics_json()).map_err(|e| Error::NotARun {
+            path: folder.metrics_json(),
+            problem: format!("the run has no figures ({e})"),
+            remedy: "Give the folder of a run that came to its end; finish one with dvr train --resume.".into(),
+        })?;
+        let mut story = Self {
+            name,
+            title: String::new(),
+            settings,
+            header: header.clone(),
+            figures: figures(folder, &header.method, &text)?,
+            curves,
+            mesh: None,
+            coverage: None,
+            scene: None,
+            views: Vec::new(),
+            views_are_held_out: false,
+            findings: Findings::default(),
+            preview: None,
+            evaluations: Vec::new(),
+        };
+        match story.figures.clone() {
+            Figures::Scene(metrics) => story.gather_scene(folder, &metrics, scene, budget)?,
+            Figures::Objects(metrics) => story.gather_objects(folder, &metrics)?,
+        }
+        Ok(story)
+    }
+
+    fn gather_scene(
+        &mut self,
+        folder: &RunFolder,
+        metrics: &RunMetrics,
+        scene: Option<&Scene>,
+        budget: Budget,
+    ) -> Result<()> {
+        self.title.clone_from(&metrics.scene);
+        let split = scene.map(|scene| ViewSplit::new(scene, self.header.method.hold_out_every())).transpose()?;
+        let mut mesh = match folder.mesh_ply() {
+            path if path.is_file() => read_mesh(path)?.mesh.transformed(&self.header.object_to_world.inverse()),
+            _ => Mesh::default(),
+        };
+        if let (Some(split), None, false) = (&split, &mesh.observations, mesh.is_empty()) {
+            // Of a run that an earlier version of the program made.
+            let cameras: Vec<&Camera> = split.train.iter().map(|view| &view.camera).collect();
+            mesh.observations = Some(Visibility::new(&mesh).observe(&cameras));
+        }
+        self.coverage = Coverage::of(&mesh);
+        self.findings = Findings::of_scene(metrics, scene.is_some(), split.as_ref(), self.coverage, mesh.open_edges());
+        if let (Some(scene), Some(split)) = (scene, &split) {
+            self.scene = Some(SceneFacts {
+                format: scene.format.into(),
+                views: [split.train.len(), split.held_out.len(), scene.views_of(Split::Test).count()],
+                size: scene.views.first().map_or((0, 0), |view| view.image.dimensions()),
+            });
+            if !mesh.is_empty() {
+                self.look(&mesh, scene, split, budget)?;
+            }
+        }
+        let up = scene.map_or(DVec3::Y, Scene::up);
+        let cameras = split.as_ref().map_or(Value::Null, |split| {
+            let all =
+                split.train.iter().map(|view| (view, false)).chain(split.held_out.iter().map(|view| (view, true)));
+            all.map(|(view, held_out)| frustum(&view.camera, held_out)).collect()
+        });
+        self.mesh = encode(&mesh, budget.faces).map(|mesh| {
+            let [low, high] = mesh.bounds.map(|corner| corner.to_array());
+            let facts = json!({
+                "vertices": mesh.vertices, "faces": mesh.faces, "low": low, "high": high,
+                "up": up.as_vec3().to_array(), "cameras": cameras, "seen": self.coverage.is_some(),
+            });
+            (mesh, facts)
+        });
+        Ok(())
+    }
+
+    /// Renders the mesh into held-out views, and asks every training view whether its mask agrees.
+    fn look(&mut self, mesh: &Mesh, scene: &Scene, split: &ViewSplit, budget: Budget) -> Result<()> {
+        let shader = MeshShader::new(mesh);
+        let judges = judging_views(scene, split);
+        self.views_are_held_out = !judges.is_empty();
+        let shown: &[&View] = if judges.is_empty() { &split.train } else { &judges };
+        let count = budget.views.min(shown.len());
+        let chosen = (0..count).map(|i| shown[(2 * i + 1) * shown.len() / (2 * count)]);
+        self.views = chosen.map(|view| view_pictures(&shader, view, budget.width)).collect::<Result<_>>()?;
+        let of_view = |view: &&View| Some((view.name.clone(), agreement(&shader, &[view], MASK_PIXELS)?.mask_iou));
+        let agreements: Vec<(String, f64)> = split.train.iter().filter_map(of_view).collect();
+        self.findings.warnings.extend(disagreeing_masks(&agreements));
+        Ok(())
+    }
+
+    fn gather_objects(&mut self, folder: &RunFolder, metrics: &ObjectsMetrics) -> Result<()> {
+        self.title = name_of(&metrics.dataset);
+        self.findings = Findings::of_objects(metrics);
+        if folder.preview().is_file() {
+            self.preview = Some(jpeg(&dvr_core::files::read_rgb(&folder.preview())?)?);
+        }
+        for split in ["test", "val", "train"] {
+            let path = folder.root().join(format!("eval_{split}")).join("summary.json");
+            let Ok(text) = std::fs::read_to_string(&path) else { continue };
+            let summaries: Vec<Summary> = serde_json::from_str(&text).map_err(|e| damaged(&path, &e))?;
+            self.evaluations.extend(summaries.into_iter().map(|summary| (split.to_owned(), summary)));
+        }
+        Ok(())
+    }
+}
+
+/// Pixels by which a view's mask is compared with the mesh.
+const MASK_PIXELS: usize = 2000;
+
+fn figures(folder: &RunFolder, method: &Method, text: &str) -> Result<Figures> {
+    let read = match method {
+        Method::Objects(_) => serde_json::from_str(text).map(Figures::Objects),
+        _ => serde_json::from_str(text).map(Figures::Scene),
+    };
+    read.map_err(|e| damaged(&folder.metrics_json(), &e))
+}
+
+fn damaged(path: &Path, error: &serde_json::Error) -> Error {
+    Error::NotARun {
+        path: path.to_owned(),
+        problem: format!("the file is damaged ({error})"),
+        remedy: "Make it again.".into(),
+    }
+}
+
+/// What a folder is called; of `.` and the like, what they stand for.
+fn name_of(folder: &Path) -> String {
+    let whole = std::fs::canonicalize(folder).unwrap_or_else(|_| folder.to_owned());
+    whole.file_name().map_or_else(|| whole.display().to_string(), |name| name.to_string_lossy().into_owned())
+}
+
+/// A camera as the viewer draws it: its centre and the corners of its picture a short way in front, in object space.
+fn frustum(camera: &Camera, held_out: bool) -> Value {
+    let (width, height) = (f64::from(camera.width), f64::from(camera.height));
+    let corners = [[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]];
+    let reach = 0.06 * camera.center().length();
+    let corners = corners.map(|corner| camera.ray(corner.into()).at(reach));
+    let points = [camera.center()].into_iter().chain(corners).flat_map(|point| point.to_array());
+    let rounded: Vec<f64> = points.map(|value| (value * 1e4).round() / 1e4).collect();
+    json!({ "points": rounded, "heldOut": held_out })
+}
