@@ -33,6 +33,9 @@ fn methods_and_variants_stand_in_one_table_and_are_not_run_twice() {
     for line in ["| hull | 1 |", "| short | 2 |", "| theirs | 1 | 600.0 |"] {
         assert!(table.contains(line), "{line} in\n{table}");
     }
+    let page = std::fs::read_to_string(out.join("report.html")).unwrap();
+    assert!(page.contains("PSNR against wall time") && page.contains("theirs"), "the charts are there");
+    assert!(out.join("charts/torus-chamfer-l1-against-wall-time.svg").is_file());
     let read = || -> serde_json::Value {
         serde_json::from_str(&std::fs::read_to_string(out.join("results.json")).unwrap()).unwrap()
     };

@@ -92,7 +92,7 @@ fn a_dataset_becomes_a_model_that_is_measured_on_unseen_objects_beside_its_basel
     let described = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(described.contains("a dataset of many objects") && described.contains("2 for testing"), "{described}");
     let run = corpus.path("run");
-    for file in ["last.ckpt", "best.ckpt", "config.json", "metrics.csv", "metrics.json", "preview.png"] {
+    for file in ["last.ckpt", "best.ckpt", "config.json", "metrics.csv", "metrics.json", "preview.png", "report.html"] {
         assert!(run.join(file).is_file(), "{file}");
     }
 

@@ -21,9 +21,17 @@ fn a_scene_becomes_a_watertight_mesh_with_preview_figures_renders_and_export() {
     let out = succeeds(&tiny.train("run", &["--seed", "3"]));
     assert!(out.contains("Chamfer-L1") && out.contains("volume IoU"), "{out}");
     let run = tiny.path("run");
-    for file in
-        ["last.ckpt", "best.ckpt", "config.json", "metrics.csv", "metrics.json", "mesh.ply", "mesh.glb", "preview.png"]
-    {
+    for file in [
+        "last.ckpt",
+        "best.ckpt",
+        "config.json",
+        "metrics.csv",
+        "metrics.json",
+        "mesh.ply",
+        "mesh.glb",
+        "preview.png",
+        "report.html",
+    ] {
         assert!(run.join(file).is_file(), "{file}");
     }
     let metrics = std::fs::read_to_string(run.join("metrics.json")).unwrap();

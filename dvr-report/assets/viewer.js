@@ -69,6 +69,7 @@ class Viewer {
     this.cameras = root.querySelector("[data-cameras]");
     this.cameras.addEventListener("change", () => this.draw());
     if (!this.facts.cameras) this.cameras.closest("label").hidden = true;
+    this.ready = Promise.resolve();
     this.gl = this.canvas.getContext("webgl2", { antialias: true, alpha: true, premultipliedAlpha: false });
     if (!this.gl) return this.say("This browser shows no WebGL 2, which the view in 3D needs. mesh.glb opens in Blender, MeshLab and most viewers.");
     if (typeof DecompressionStream === "undefined") return this.say("This browser is too old to unpack the mesh. mesh.glb opens in Blender, MeshLab and most viewers.");
@@ -159,14 +160,14 @@ class Viewer {
       this.height = Math.max(-1.2, Math.min(1.2, Math.asin(Math.max(-1, Math.min(1, V.dot(to, up))))));
     }
     this.target = this.center;
-    this.distance = (this.radius / Math.sin(FIELD_OF_VIEW / 2)) * 0.94;
+    this.distance = (this.radius / Math.sin(FIELD_OF_VIEW / 2)) * 0.8;
     this.draw();
   }
 
   show(mode) {
     this.mode = MODES.indexOf(mode);
     this.root.querySelectorAll("[data-mode]").forEach((button) => button.setAttribute("aria-pressed", String(button.dataset.mode === mode)));
-    this.root.querySelector(".legend").hidden = mode !== "confidence";
+    this.root.querySelectorAll(".legend, .about").forEach((part) => { part.hidden = mode !== "confidence"; });
     this.root.dataset.shown = mode;
     this.draw();
   }

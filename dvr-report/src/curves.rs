@@ -67,7 +67,8 @@ fn time() -> Axis {
     Axis::linear("training time, s")
 }
 
-/// The charts of some runs, each with its name: loss, held-out PSNR, silhouettes; of a single run also the terms of its loss.
+/// The charts of some runs, each with its name: loss, held-out PSNR, silhouettes; of a single run also the terms of its
+/// loss.
 pub fn charts(runs: &[(&str, &Curves)]) -> Vec<Chart> {
     let of = |column: &str| -> Vec<Series> {
         let series = runs

@@ -37,20 +37,30 @@ impl Findings {
     ) -> Self {
         let mut found = Self::default();
         match metrics.mesh {
-            None => found.warn("There is no mesh: the field has no surface. Masks or cameras are the usual reason; `dvr info SCENE` looks at both."),
+            None => found.warn(
+                "There is no mesh: the field has no surface. Masks or cameras are the usual reason; \
+                                `dvr info SCENE` looks at both.",
+            ),
             Some(_) if open_edges > 0 => found.warn(format!(
-                "The mesh is not watertight: {} edges have a hole beside them. Programs that print or simulate will complain.",
+                "The mesh is not watertight: {} edges have a hole beside them. Programs that print or simulate will \
+                 complain.",
                 count(open_edges)
             )),
             Some(_) => found.good.push("The mesh is watertight.".into()),
         }
         if !scene_is_known {
-            found.warn("The scene was not where it was when the run was made, so no view is shown. `dvr report RUN --data SCENE` says where it is now.");
+            found.warn(
+                "The scene was not where it was when the run was made, so no view is shown. `dvr report RUN \
+                        --data SCENE` says where it is now.",
+            );
         }
         if let Some(split) = split {
             let views = split.train.len();
             if views < FEW_VIEWS {
-                found.warn(format!("Only {views} photographs taught the shape. Eight or more, from all sides, make a surface that can be trusted."));
+                found.warn(format!(
+                    "Only {views} photographs taught the shape. Eight or more, from all sides, make a \
+                                    surface that can be trusted."
+                ));
             }
             if metrics.held_out_mesh.is_none() {
                 found.warn(
@@ -64,8 +74,9 @@ impl Findings {
             };
             if coverage.unseen > MUCH_UNSEEN {
                 found.warn(format!(
-                    "No photograph sees {} of the surface (often the underside): there the mesh is a guess within the masks' outlines. \
-                     \"Confidence\" above shows where.",
+                    "No photograph sees {} of the surface (often the underside): there the mesh is a guess within the \
+                     masks' outlines. \
+                     The mode \"Confidence\" of the view in 3D shows where.",
                     share(coverage.unseen)
                 ));
             } else {
@@ -82,7 +93,8 @@ impl Findings {
             && field.psnr - mesh.psnr > MESH_BEHIND
         {
             found.warn(format!(
-                "The mesh looks {:.1} dB worse than the field that it was made from: a finer one (`dvr mesh RUN --resolution 512`) keeps more.",
+                "The mesh looks {:.1} dB worse than the field that it was made from: a finer one (`dvr mesh RUN \
+                 --resolution 512`) keeps more.",
                 field.psnr - mesh.psnr
             ));
         }
@@ -113,8 +125,8 @@ impl Findings {
     }
 }
 
-/// Views whose mask agrees with the mesh much less than the others' masks do: a wrong mask or a wrong camera. `agreements` are names and
-/// silhouette IoUs.
+/// Views whose mask agrees with the mesh much less than the others' masks do: a wrong mask or a wrong camera.
+/// `agreements` are names and silhouette IoUs.
 pub fn disagreeing_masks(agreements: &[(String, f64)]) -> Vec<String> {
     let mut sorted: Vec<f64> = agreements.iter().map(|(_, iou)| *iou).collect();
     sorted.sort_by(f64::total_cmp);
@@ -126,7 +138,8 @@ pub fn disagreeing_masks(agreements: &[(String, f64)]) -> Vec<String> {
     odd.sort_by(|a, b| a.1.total_cmp(&b.1));
     let told = odd.iter().take(5).map(|(name, iou)| {
         format!(
-            "The mask of view {name} agrees with the mesh to {iou:.2} only (of 1; the median view to {median:.2}): look at its mask and \
+            "The mask of view {name} agrees with the mesh to {iou:.2} only (of 1; the median view to {median:.2}): \
+             look at its mask and \
              its camera, or leave it out with `--ignore {name}`."
         )
     });

@@ -18,8 +18,8 @@ pub fn escape(text: &str) -> String {
     escaped
 }
 
-/// Data that a script reads, as it may stand within `<script type="...">`, where nothing is unescaped: JSON, whose only dangerous
-/// character is written by its code.
+/// Data that a script reads, as it may stand within `<script type="...">`, where nothing is unescaped: JSON, whose only
+/// dangerous character is written by its code.
 pub fn json_for_script(value: &serde_json::Value) -> String {
     value.to_string().replace('<', "\\u003c")
 }
@@ -46,20 +46,21 @@ pub fn bytes(value: f64) -> String {
     }
 }
 
-/// A whole number with thin spaces between thousands.
+/// A whole number with narrow spaces between thousands, at which no line breaks.
 pub fn count(value: usize) -> String {
     let digits = value.to_string();
     let mut spaced = String::new();
     for (i, digit) in digits.chars().enumerate() {
         if i > 0 && (digits.len() - i).is_multiple_of(3) {
-            spaced.push('\u{2009}');
+            spaced.push('\u{202f}');
         }
         spaced.push(digit);
     }
     spaced
 }
 
-/// A number with about `digits` significant digits and no superfluous zeros; very large and small ones as powers of ten.
+/// A number with about `digits` significant digits and no superfluous zeros; very large and small ones as powers of
+/// ten.
 pub fn number(value: f64, digits: usize) -> String {
     if value == 0.0 {
         return "0".into();
@@ -116,6 +117,6 @@ mod tests {
         assert_eq!((seconds(11_530.0), bytes(31_400.0)), ("3 h 12 min".into(), "31 kB".into()));
         assert_eq!((number(0.0029, 3), number(1000.0, 3)), ("0.0029".to_owned(), "1000".to_owned()));
         assert_eq!((number(1e-7, 2), number(2.5e7, 2)), ("10\u{207b}\u{2077}".into(), "2.5\u{b7}10\u{2077}".into()));
-        assert_eq!(count(1_234_567), "1\u{2009}234\u{2009}567");
+        assert_eq!(count(1_234_567), "1\u{202f}234\u{202f}567");
     }
 }

@@ -1,5 +1,5 @@
-//! Reports of reconstructions: one HTML file that needs no network, with the mesh to turn around, held-out views beside their
-//! renders, charts, settings, and what the reader should know before believing any of it.
+//! Reports of reconstructions: one HTML file that needs no network, with the mesh to turn around, held-out views beside
+//! their renders, charts, settings, and what the reader should know before believing any of it.
 //!
 //! The pieces are useful alone: [`chart`] draws SVG and writes CSV, and a [`Page`] holds whatever sections it is given.
 //!

@@ -1,9 +1,11 @@
-//! A mesh as text that a page can hold: simplified to what a screen shows, quantised, in differences, deflated, in base64.
+//! A mesh as text that a page can hold: simplified to what a screen shows, quantised, in differences, deflated, in
+//! base64.
 //!
-//! The bytes before deflating, little end first: the vertices' positions (three of 16 bits), normals (octahedral, two of 8 bits),
-//! colours (three of 8 bits), confidence (8 bits) and views (8 bits), each component by itself as zigzag differences from the vertex
-//! before; then the corners of the faces, each as a number of 7 bits a byte that says how far it lies below the next vertex not yet
-//! named. Neighbours in the file are neighbours on the surface, so that most bytes are small. `assets/viewer.js` reads it.
+//! The bytes before deflating, little end first: the vertices' positions (three of 16 bits), normals (octahedral, two
+//! of 8 bits), colours (three of 8 bits), confidence (8 bits) and views (8 bits), each component by itself as zigzag
+//! differences from the vertex before; then the corners of the faces, each as a number of 7 bits a byte that says how
+//! far it lies below the next vertex not yet named. Neighbours in the file are neighbours on the surface, so that most
+//! bytes are small. `assets/mesh.js` reads it.
 
 use std::io::Write;
 
@@ -35,8 +37,8 @@ pub struct EncodedMesh {
     pub bounds: [Vec3; 2],
 }
 
-/// Encodes a mesh with at most about `max_faces` faces; colours are white and observations zero where it has none. `None` for a mesh
-/// without faces.
+/// Encodes a mesh with at most about `max_faces` faces; colours are white and observations zero where it has none.
+/// `None` for a mesh without faces.
 pub fn encode(mesh: &Mesh, max_faces: usize) -> Option<EncodedMesh> {
     let (low, high) = mesh.bounds().filter(|_| !mesh.is_empty())?;
     let corners = meshopt::optimize_vertex_cache(&simplified(mesh, max_faces), mesh.vertices.len());
@@ -154,8 +156,8 @@ fn byte(share: f32) -> u8 {
     (share.clamp(0.0, 1.0) * 255.0).round() as u8
 }
 
-/// A unit vector on the unfolded octahedron, `[-1, 1]^2`. (Cigolle et al. 2014, "A survey of efficient representations for
-/// independent unit vectors".)
+/// A unit vector on the unfolded octahedron, `[-1, 1]^2`. (Cigolle et al. 2014, "A survey of efficient representations
+/// for independent unit vectors".)
 fn octahedral(normal: Vec3) -> Vec2 {
     let n = normal / normal.abs().element_sum().max(1e-9);
     if n.z >= 0.0 {

@@ -12,8 +12,10 @@ const VIEWER: &str = include_str!("../assets/viewer.js");
 const DECODER: &str = include_str!("../assets/mesh.js");
 
 /// The mark in the browser's tab: a small cube.
-const ICON: &str = "data:image/svg+xml,%3Csvg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 16 16'%3E%3Cpath d='M8 1l6 3.5v7L8 15l-6-3.5v-7z' \
-                    fill='%232563d9'/%3E%3Cpath d='M8 8v7M8 8l6-3.5M8 8L2 4.5' stroke='%23fff' stroke-width='1.2'/%3E%3C/svg%3E";
+const ICON: &str = "data:image/svg+xml,%3Csvg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 16 16'%3E%3Cpath d='M8 \
+                    1l6 3.5v7L8 15l-6-3.5v-7z' \
+                    fill='%232563d9'/%3E%3Cpath d='M8 8v7M8 8l6-3.5M8 8L2 4.5' stroke='%23fff' \
+                    stroke-width='1.2'/%3E%3C/svg%3E";
 
 /// A part of a page with a heading.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]

@@ -1,4 +1,5 @@
-//! Held-out views as a page shows them: the photograph, what the mesh shows there, its depth, its normals, and where they differ.
+//! Held-out views as a page shows them: the photograph, what the mesh shows there, its depth, its normals, and where
+//! they differ.
 
 use std::io::Cursor;
 
@@ -134,7 +135,7 @@ fn error_map(photo: &RgbImage, render: &RgbImage) -> RgbaImage {
         let (a, b) = (photo.get_pixel(u, v).0, render.get_pixel(u, v).0);
         let difference = (0..3).map(|c| f32::from(a[c].abs_diff(b[c]))).sum::<f32>() / (3.0 * 255.0);
         let share = (difference / LARGEST_ERROR).min(1.0);
-        // Eight steps are all that the eye tells apart, and a tenth of the bytes.
+        // Sixteen steps are all that the eye tells apart, and a tenth of the bytes.
         let share = (share * 16.0).round() / 16.0;
         let Rgb([r, g, b]) = blend(&SCALE, share);
         Rgba([r, g, b, (255.0 * (share * 5.0).min(1.0)) as u8])

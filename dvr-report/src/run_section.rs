@@ -16,8 +16,10 @@ pub(crate) fn overview(story: &RunStory, place: usize) -> String {
     let stage = match (&story.mesh, &story.preview) {
         (Some(_), _) => viewer(story, place),
         (None, Some(preview)) => format!(
-            "<figure class=\"preview\"><img src=\"{preview}\" alt=\"preview sheet\"><figcaption>Objects that were not trained on: the \
-             picture that the model sees, another view of the object, and that view as the model has it: colour, depth, \
+            "<figure class=\"preview\"><img src=\"{preview}\" alt=\"preview sheet\"><figcaption>Objects that were not \
+             trained on: the \
+             picture that the model sees, another view of the object, and that view as the model has it: colour, \
+             depth, \
              normals.</figcaption></figure>"
         ),
         (None, None) => "<p class=\"empty\">There is no mesh to show.</p>".into(),
@@ -49,14 +51,21 @@ fn viewer(story: &RunStory, place: usize) -> String {
     };
     format!(
         "<div class=\"viewer\" data-mesh=\"mesh-{place}\">\
-         <div class=\"controls\"><div class=\"modes\" role=\"group\" aria-label=\"What the surface shows\">{buttons}</div>\
+         <div class=\"controls\"><div class=\"modes\" role=\"group\" aria-label=\"What the surface \
+         shows\">{buttons}</div>\
          <label class=\"toggle\"><input type=\"checkbox\" data-cameras> cameras</label>\
          <button type=\"button\" data-home title=\"Back to the first view\">Reset</button></div>\
-         <div class=\"screen\"><canvas tabindex=\"0\" aria-label=\"The mesh in 3D: drag to turn, scroll or pinch to zoom, drag with the right \
+         <div class=\"screen\"><canvas tabindex=\"0\" aria-label=\"The mesh in 3D: drag to turn, scroll or pinch to \
+         zoom, drag with the right \
          button or two fingers to move\"></canvas><p class=\"message\" hidden></p>\
-         <div class=\"legend\" hidden><span>confidence</span><i></i><span>0</span><b></b><span>1</span><i class=\"unseen\"></i><span>never \
+         <div class=\"legend\" hidden><span>confidence</span><i></i><span>0</span><b></b><span>1</span><i \
+         class=\"unseen\"></i><span>never \
          observed</span></div></div>\
-         <p class=\"hint\">Drag to turn, scroll or pinch to zoom, right button or two fingers to move. {} vertices, {} faces.{}</p>\
+         <p class=\"hint about\" hidden>Confidence: cosine of the best viewing angle, times 1/2 for one view, 3/4 for \
+         two and so on. It tells \
+         how well photographs saw a place, not that the shape there is right.</p>\
+         <p class=\"hint\">Drag to turn, scroll or pinch to zoom, right button or two fingers to move. {} vertices, {} \
+         faces.{}</p>\
          <script type=\"application/json\" id=\"mesh-{place}-facts\">{}</script>\
          <script type=\"text/plain\" id=\"mesh-{place}\">{}</script></div>",
         count(mesh.vertices),
@@ -96,13 +105,15 @@ pub(crate) fn main_figures(story: &RunStory) -> Vec<[String; 3]> {
                 );
             }
             if let (Some(surface), Some(_)) = (&metrics.shape.surface, metrics.mesh) {
-                let floor =
-                    metrics.shape.floor.as_ref().map_or(String::new(), |f| format!(" (floor {:.4})", f.chamfer_l1));
-                add(
-                    "Chamfer-L1",
-                    format!("{:.4}{floor}", surface.chamfer_l1),
-                    "against the true surface, in edges of the object cube; papers print ten times that. The floor is what the truth scores, sampled twice",
-                );
+                let hint = "against the true surface, in edges of the object cube; papers print ten times that";
+                add("Chamfer-L1", format!("{:.4}", surface.chamfer_l1), hint);
+                if let Some(floor) = &metrics.shape.floor {
+                    add(
+                        "its floor",
+                        format!("{:.4}", floor.chamfer_l1),
+                        "what the true surface, sampled twice, scores",
+                    );
+                }
                 if let Some(normals) = surface.normal_consistency {
                     add("Normals", format!("{:.3}", normals.mean), "mean cosine with the true surface's normals");
                 }
@@ -186,7 +197,8 @@ pub(crate) fn views(story: &RunStory) -> String {
         for (i, view) in story.views.iter().enumerate() {
             let _ = write!(
                 html,
-                "<button type=\"button\" data-view=\"{i}\" aria-pressed=\"{}\"><img src=\"{}\" alt=\"\" loading=\"lazy\"><span>{}</span></button>",
+                "<button type=\"button\" data-view=\"{i}\" aria-pressed=\"{}\"><img src=\"{}\" alt=\"\" \
+                 loading=\"lazy\"><span>{}</span></button>",
                 i == 0,
                 view.render,
                 escape(&view.name)
@@ -206,30 +218,39 @@ fn one_view(view: &ViewPictures, scale: f64, first: bool) -> String {
     let name = escape(&view.name);
     let depth = view.depth_range.map_or(String::new(), |[near, far]| {
         let world = |z: f32| crate::html::number(f64::from(z) * scale, 4);
-        format!("Depth, from {} (yellow) to {} (violet) in scene units", world(near), world(far))
+        format!("Depth {} to {}", world(near), world(far))
     });
-    let map = |address: &str, text: &str| {
+    let map = |address: &str, text: &str, hint: &str| {
         format!(
-            "<figure><img src=\"{address}\" width=\"{width}\" height=\"{height}\" alt=\"{text}\" loading=\"lazy\"><figcaption>{text}</figcaption></figure>"
+            "<figure><img src=\"{address}\" width=\"{width}\" height=\"{height}\" alt=\"{text}\" \
+             loading=\"lazy\"><figcaption title=\"{hint}\">{text}</figcaption></figure>"
         )
     };
     let psnr = if view.psnr.is_finite() { format!("{:.2} dB", view.psnr) } else { "no difference".into() };
     format!(
-        "<div class=\"view\"{}><div class=\"compare\" style=\"aspect-ratio:{width}/{height}\">\
+        "<div class=\"view\" style=\"--aspect:{width}/{height}\"{}><div class=\"compare\" \
+         style=\"aspect-ratio:{width}/{height}\">\
          <img src=\"{}\" alt=\"photograph of view {name}\" width=\"{width}\" height=\"{height}\">\
-         <img class=\"over\" src=\"{}\" alt=\"render of the mesh in view {name}\" width=\"{width}\" height=\"{height}\">\
+         <img class=\"over\" src=\"{}\" alt=\"render of the mesh in view {name}\" width=\"{width}\" \
+         height=\"{height}\">\
          <span class=\"tag left\">photograph</span><span class=\"tag right\">mesh</span>\
-         <input type=\"range\" min=\"0\" max=\"100\" value=\"50\" step=\"0.1\" aria-label=\"how much of the photograph is shown\"></div>\
-         <p class=\"figures\">view <b>{name}</b> at {width}\u{d7}{height}: PSNR <b>{psnr}</b>, SSIM <b>{:.3}</b>, silhouette IoU <b>{:.4}</b></p>\
-         <div class=\"maps\">{}{}{}</div></div>",
+         <input type=\"range\" min=\"0\" max=\"100\" value=\"50\" step=\"0.1\" aria-label=\"how much of the photograph \
+         is shown\"></div>\
+         <div class=\"maps\">{}{}{}</div>\
+         <p class=\"figures\">view <b>{name}</b> at {width}\u{d7}{height}: PSNR <b>{psnr}</b>, SSIM <b>{:.3}</b>, \
+         silhouette IoU <b>{:.4}</b></p></div>",
         if first { "" } else { " hidden" },
         view.photo,
         view.render,
+        map(
+            &view.error,
+            &format!("Difference to {:.0} %", 100.0 * LARGEST_ERROR),
+            "Mean difference of the colour channels, from none to the darkest colour"
+        ),
+        map(&view.depth, &depth, "In units of the scene: near is yellow, far is violet"),
+        map(&view.normal, "Normals", "In the camera's frame: red to the right, green up, blue towards it"),
         view.ssim,
         view.mask_iou,
-        map(&view.error, &format!("Difference of the colours, from none to {:.0} % (dark)", 100.0 * LARGEST_ERROR)),
-        map(&view.depth, &depth),
-        map(&view.normal, "Normals in the camera's frame: red right, green up, blue towards it"),
     )
 }
 
@@ -237,7 +258,6 @@ fn one_view(view: &ViewPictures, scale: f64, first: bool) -> String {
 pub(crate) fn settings(story: &RunStory) -> String {
     let settings = &story.settings;
     let header = &story.header;
-    let mut html = String::new();
     let mut facts = vec![
         vec!["method".into(), settings.preset.into()],
         vec!["supervision".into(), header.method.supervision().to_string()],
@@ -256,22 +276,24 @@ pub(crate) fn settings(story: &RunStory) -> String {
         let edge = crate::html::number(header.object_to_world.scale, 4);
         facts.push(vec!["object cube".into(), format!("its edge is {edge} units of the scene")]);
     }
-    html += &format!("<div class=\"plain\">{}</div>", table(&["", ""], &facts));
-    html += &match settings.changed.len() {
+    let changed: Vec<Vec<String>> = settings.changed.iter().map(|row| row.to_vec()).collect();
+    let told = match changed.len() {
         0 => format!("<p>All settings are those of <code>--method {}</code>.</p>", settings.preset),
         n => format!(
             "<h3>{n} setting{} other than <code>--method {}</code> has</h3>{}",
             if n == 1 { "" } else { "s" },
             settings.preset,
-            table(&["setting", "here", "preset"], &settings.changed.iter().map(|row| row.to_vec()).collect::<Vec<_>>())
+            table(&["setting", "here", "preset"], &changed)
         ),
     };
-    if let Figures::Scene(metrics) = &story.figures {
-        html += &chosen(metrics);
-        html += &timings(metrics);
-    }
-    html + &format!(
-        "<details><summary>The whole configuration</summary><pre>{}</pre></details>",
+    let course = match &story.figures {
+        Figures::Scene(metrics) => format!("<div>{}{}</div>", timings(metrics), chosen(metrics)),
+        Figures::Objects(_) => String::new(),
+    };
+    format!(
+        "<div class=\"pair\"><div><div class=\"plain\">{}</div>{told}</div>{course}</div>\
+         <details><summary>The whole configuration</summary><pre>{}</pre></details>",
+        table(&["", ""], &facts),
         escape(&settings.whole)
     )
 }
@@ -283,7 +305,8 @@ fn chosen(metrics: &RunMetrics) -> String {
     }
     let notes: String = metrics.notes.iter().map(|note| format!("<li>{}</li>", escape(&sentence(note)))).collect();
     format!(
-        "<h3>How fine the field became</h3><p>A stage with twice the cells begins while held-out views gain from it, and is taken back \
+        "<h3>How fine the field became</h3><p>A stage with twice the cells begins while held-out views gain from it, \
+         and is taken back \
          when they do not.</p><ol class=\"notes\">{notes}</ol>"
     )
 }

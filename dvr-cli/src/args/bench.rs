@@ -15,7 +15,7 @@ pub struct BenchArgs {
     /// Folders (or cameras files) of the scenes
     #[arg(required = true)]
     pub scenes: Vec<PathBuf>,
-    /// Folder for results.json, results.csv, table.md and the runs; runs that are there already are not repeated
+    /// Folder for results.json, results.csv, table.md, report.html, charts/ and the runs; runs that are there already are not repeated
     #[arg(long, short, value_name = "DIR")]
     pub out: PathBuf,
     /// Methods to compare, as `dvr train --method` takes them; separate with commas

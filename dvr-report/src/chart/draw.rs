@@ -11,7 +11,8 @@ use crate::html::{escape, number};
 const WIDTH: f64 = 600.0;
 const HEIGHT: f64 = 340.0;
 
-/// Room beside the plot: left for the ticks and the title of the y axis, right for half a tick's text, below for the x axis.
+/// Room beside the plot: left for the ticks and the title of the y axis, right for half a tick's text, below for the x
+/// axis.
 const LEFT: f64 = 66.0;
 const RIGHT: f64 = 16.0;
 const BELOW: f64 = 50.0;
@@ -84,7 +85,8 @@ fn axes(svg: &mut String, chart: &Chart, x: &Ruler, y: &Ruler, top: f64, height:
         let at = y.place(value);
         let _ = write!(
             svg,
-            "<path class=\"grid\" d=\"M{LEFT} {at:.1}H{right}\"/><text class=\"tick\" text-anchor=\"end\" x=\"{}\" y=\"{:.1}\">{}</text>",
+            "<path class=\"grid\" d=\"M{LEFT} {at:.1}H{right}\"/><text class=\"tick\" text-anchor=\"end\" x=\"{}\" \
+             y=\"{:.1}\">{}</text>",
             LEFT - 7.0,
             at + 4.0,
             escape(&text)
@@ -94,7 +96,8 @@ fn axes(svg: &mut String, chart: &Chart, x: &Ruler, y: &Ruler, top: f64, height:
         let at = x.place(value);
         let _ = write!(
             svg,
-            "<path class=\"grid\" d=\"M{at:.1} {top}V{bottom}\"/><text class=\"tick\" text-anchor=\"middle\" x=\"{at:.1}\" y=\"{}\">{}</text>",
+            "<path class=\"grid\" d=\"M{at:.1} {top}V{bottom}\"/><text class=\"tick\" text-anchor=\"middle\" \
+             x=\"{at:.1}\" y=\"{}\">{}</text>",
             bottom + 18.0,
             escape(&text)
         );

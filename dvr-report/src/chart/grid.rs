@@ -20,7 +20,8 @@ const SHADES: usize = 8;
 pub struct Cell {
     /// The number that colours the cell; `None` where nothing was measured.
     pub value: Option<f64>,
-    /// Why the cell counts as failed, in a word or two (`empty`, `exploded`), shown in place of the number; `None` where it does not.
+    /// Why the cell counts as failed, in a word or two (`empty`, `exploded`), shown in place of the number; `None`
+    /// where it does not.
     pub failed: Option<String>,
 }
 
@@ -55,7 +56,8 @@ impl HeatGrid {
         self.svg(Some(CHART_STYLE))
     }
 
-    /// The grid for a page that has [`CHART_STYLE`]: a `<figure>` with the SVG, its numbers as CSV, and buttons to save both.
+    /// The grid for a page that has [`CHART_STYLE`]: a `<figure>` with the SVG, its numbers as CSV, and buttons to save
+    /// both.
     pub fn to_figure(&self) -> String {
         figure(&self.title, &self.svg(None), &self.to_csv())
     }
@@ -83,7 +85,8 @@ impl HeatGrid {
         let values = self.cells.iter().flatten().filter_map(|cell| cell.value);
         let ruler = Ruler::new(&self.value, values, 0.0, SHADES as f64);
         let mut svg = format!(
-            "<svg xmlns=\"http://www.w3.org/2000/svg\" class=\"dvr-chart\" viewBox=\"0 0 {WIDTH} {height}\" role=\"img\" aria-label=\"{}\">",
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" class=\"dvr-chart\" viewBox=\"0 0 {WIDTH} {height}\" \
+             role=\"img\" aria-label=\"{}\">",
             escape(&self.title)
         );
         if let Some(style) = style {

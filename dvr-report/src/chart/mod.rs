@@ -1,8 +1,8 @@
 //! Charts as SVG and CSV: curves with bands of seeds, dots with a Pareto front, and grids of cells.
 //!
-//! Written here because a chart of the report is part of its page: its colours are the page's (light and dark), its text is text,
-//! its points answer to the pointer, and it weighs a few kilobytes. `plotters` draws with fixed colours and `charming` needs a
-//! JavaScript library of a megabyte.
+//! Written here because a chart of the report is part of its page: its colours are the page's (light and dark), its
+//! text is text, its points answer to the pointer, and it weighs a few kilobytes. `plotters` draws with fixed colours
+//! and `charming` needs a JavaScript library of a megabyte.
 //!
 //! ```
 //! use dvr_report::chart::{Axis, Better, Chart, Series};
@@ -63,7 +63,8 @@ impl Chart {
         draw::svg(self, Some(CHART_STYLE))
     }
 
-    /// The chart for a page that has [`CHART_STYLE`]: a `<figure>` with the SVG, its numbers as CSV, and buttons to save both.
+    /// The chart for a page that has [`CHART_STYLE`]: a `<figure>` with the SVG, its numbers as CSV, and buttons to
+    /// save both.
     pub fn to_figure(&self) -> String {
         figure(&self.title, &draw::svg(self, None), &self.to_csv())
     }
@@ -91,7 +92,8 @@ fn csv_field(text: &str) -> String {
 /// A drawing with its numbers, for a page.
 fn figure(title: &str, svg: &str, csv: &str) -> String {
     format!(
-        "<figure class=\"chart\" data-name=\"{}\">{svg}<figcaption><button type=\"button\" data-save=\"svg\">SVG</button>\
+        "<figure class=\"chart\" data-name=\"{}\">{svg}<figcaption><button type=\"button\" \
+         data-save=\"svg\">SVG</button>\
          <button type=\"button\" data-save=\"csv\">CSV</button></figcaption><template>{}</template></figure>\n",
         escape(&file_name(title)),
         escape(csv),

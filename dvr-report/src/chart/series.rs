@@ -35,8 +35,8 @@ impl Series {
 
     /// The median of curves that differ in their seed, with the range of all as its band.
     ///
-    /// Seeds are compared at the times of the longest of them, by what each had reached last before: no value is invented between two
-    /// measurements. Before a curve's first and after its last point it does not count.
+    /// Seeds are compared at the times of the longest of them, by what each had reached last before: no value is
+    /// invented between two measurements. Before a curve's first and after its last point it does not count.
     pub fn of_seeds(name: impl Into<String>, curves: &[Vec<[f64; 2]>]) -> Self {
         let name = name.into();
         let longest = curves.iter().max_by_key(|curve| curve.len());

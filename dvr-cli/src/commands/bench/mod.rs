@@ -2,6 +2,7 @@
 //!
 //! Each run is a process of its own, the very command that a user would give: nothing is warm, and its time is its time.
 
+mod charts;
 mod machine;
 mod results;
 mod table;
@@ -18,7 +19,7 @@ use crate::args::{BenchArgs, Variant};
 use crate::progress::Progress;
 use results::{Outcome, Results};
 
-/// Runs what is missing, then writes `results.json`, `results.csv` and `table.md`.
+/// Runs what is missing, then writes `results.json`, `results.csv`, `table.md`, `charts/` and `report.html`.
 pub fn run(args: &BenchArgs) -> Result<ExitCode> {
     let scenes = named(&args.scenes)?;
     std::fs::create_dir_all(&args.out).with_context(|| args.out.display().to_string())?;
@@ -37,8 +38,9 @@ pub fn run(args: &BenchArgs) -> Result<ExitCode> {
     write_bytes_atomically(&args.out.join("results.csv"), table::csv(&results.outcomes)?.as_bytes())?;
     let table = table::markdown(&results);
     write_bytes_atomically(&args.out.join("table.md"), table.as_bytes())?;
+    charts::write(&results, &args.out)?;
     println!("{table}");
-    for name in ["results.json", "results.csv", "table.md"] {
+    for name in ["results.json", "results.csv", "table.md", "charts", "report.html"] {
         eprintln!("wrote {}", args.out.join(name).display());
     }
     Ok(ExitCode::SUCCESS)
@@ -76,6 +78,11 @@ fn named(paths: &[PathBuf]) -> Result<Vec<(PathBuf, String)>> {
     Ok(paths.iter().cloned().zip(parts.iter().map(name)).collect())
 }
 
+/// What the folder of a run is called.
+fn folder_name(scene: &str, method: &str, supervision: &str, seed: u64) -> String {
+    format!("{scene}.{method}.{supervision}.{seed}")
+}
+
 /// All runs, seeds innermost. Methods that leave nothing to chance run once.
 fn plan<'a>(args: &'a BenchArgs, scenes: &'a [(PathBuf, String)]) -> Vec<Run<'a>> {
     let mut plan = Vec::new();
@@ -85,7 +92,7 @@ fn plan<'a>(args: &'a BenchArgs, scenes: &'a [(PathBuf, String)]) -> Vec<Run<'a>
                 let seeds = if variant.method == "hull" { 1 } else { args.seeds };
                 for seed in 0..seeds {
                     let supervision = supervision.to_string();
-                    let folder = format!("{name}.{}.{supervision}.{seed}", variant.name);
+                    let folder = folder_name(name, &variant.name, &supervision, seed);
                     plan.push(Run { scene, name, variant: variant.clone(), supervision, seed, folder });
                 }
             }
@@ -104,7 +111,7 @@ impl Run<'_> {
         }
         let start = Instant::now();
         let mut command = Command::new(std::env::current_exe().context("this program cannot be started again")?);
-        command.arg("train").arg(self.scene).arg("--out").arg(folder.root()).arg("--overwrite");
+        command.arg("train").arg(self.scene).arg("--out").arg(folder.root()).args(["--overwrite", "--no-report"]);
         command.args(["--method", &self.variant.method, "--seed", &self.seed.to_string()]);
         if self.variant.method != "hull" {
             command.args(["--supervision", &self.supervision]);

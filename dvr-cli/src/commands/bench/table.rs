@@ -31,24 +31,31 @@ pub fn markdown(results: &Results) -> String {
          PSNR and silhouettes are those of the coloured mesh on views that were not trained on.\n\n",
         machine.processor, machine.threads, machine.program
     );
-    let columns: Vec<&Column> = COLUMNS
-        .iter()
-        .filter(|(_, value, _)| results.outcomes.iter().any(|outcome| value(outcome).is_some()))
-        .collect();
-    let heads: Vec<&str> = columns.iter().map(|(head, _, _)| *head).collect();
-    let _ = writeln!(text, "| scene | from | method | seeds | {} |", heads.join(" | "));
-    let _ = writeln!(text, "|{}", "---|".repeat(4 + columns.len()));
-    for group in grouped(&results.outcomes) {
-        let first = group[0];
-        let cells: Vec<String> = columns.iter().map(|(_, value, decimals)| cell(&group, value, *decimals)).collect();
-        let (scene, from, method) = (&first.scene, &first.supervision, &first.method);
-        let _ = writeln!(text, "| {scene} | {from} | {method} | {} | {} |", group.len(), cells.join(" | "));
+    let (heads, rows) = rows(&results.outcomes);
+    let _ = writeln!(text, "| {} |", heads.join(" | "));
+    let _ = writeln!(text, "|{}", "---|".repeat(heads.len()));
+    for row in rows {
+        let _ = writeln!(text, "| {} |", row.join(" | "));
     }
     text
 }
 
+/// Heads and rows, a row for each scene, supervision and method; figures that nobody measured have no column.
+pub fn rows(outcomes: &[Outcome]) -> (Vec<&'static str>, Vec<Vec<String>>) {
+    let is_measured = |column: &&Column| outcomes.iter().any(|outcome| column.1(outcome).is_some());
+    let columns: Vec<&Column> = COLUMNS.iter().filter(is_measured).collect();
+    let heads = ["scene", "from", "method", "seeds"].into_iter().chain(columns.iter().map(|column| column.0)).collect();
+    let row = |group: &Vec<&Outcome>| {
+        let first = group[0];
+        let names = [first.scene.clone(), first.supervision.clone(), first.method.clone(), group.len().to_string()];
+        let cells = columns.iter().map(|(_, value, decimals)| cell(group, value, *decimals));
+        names.into_iter().chain(cells).collect()
+    };
+    (heads, grouped(outcomes).iter().map(row).collect())
+}
+
 /// Outcomes that differ in their seed only, in the order in which they first appear.
-fn grouped(outcomes: &[Outcome]) -> Vec<Vec<&Outcome>> {
+pub fn grouped(outcomes: &[Outcome]) -> Vec<Vec<&Outcome>> {
     let key = |o: &Outcome| (o.scene.clone(), o.supervision.clone(), o.method.clone());
     let mut groups: Vec<Vec<&Outcome>> = Vec::new();
     for outcome in outcomes {

@@ -1,0 +1,164 @@
+//! Results as charts: quality against time, with the spread of seeds; what nothing beats; bytes against quality.
+
+use std::path::Path;
+
+use anyhow::{Context, Result};
+use dvr_core::files::write_bytes_atomically;
+use dvr_report::chart::{Axis, Better, Chart, Series, file_name};
+use dvr_report::{Curves, Page, Section, table};
+
+use super::folder_name;
+use super::results::{Outcome, Results};
+use super::table::{grouped, rows};
+
+/// A number that a chart's axis shows.
+type Figure = fn(&Outcome) -> Option<f64>;
+
+/// Chamfer-L1 above what the truth itself scores; where no floor was measured, Chamfer-L1 as it is.
+fn chamfer_above_floor(outcome: &Outcome) -> Option<f64> {
+    Some(outcome.chamfer_l1? - outcome.floor.unwrap_or(0.0))
+}
+
+/// Writes `charts/*.svg`, `charts/*.csv` and `report.html` into the folder of a bench.
+pub fn write(results: &Results, folder: &Path) -> Result<()> {
+    let charts_folder = folder.join("charts");
+    std::fs::create_dir_all(&charts_folder).with_context(|| charts_folder.display().to_string())?;
+    let machine = &results.machine;
+    let (heads, rows) = rows(&results.outcomes);
+    let words = "<p>Medians over seeds, with their range. Lengths are in edges of the object cube (papers print \
+                 Chamfer-L1 times ten). PSNR and \
+                 silhouettes are those of the coloured mesh on views that were not trained on.</p>";
+    let mut sections =
+        vec![Section::new("Figures", format!("{words}<div class=\"wide\">{}</div>", table(&heads, &rows)))];
+    let mut scenes: Vec<&str> = results.outcomes.iter().map(|outcome| outcome.scene.as_str()).collect();
+    scenes.sort_unstable();
+    scenes.dedup();
+    for scene in scenes {
+        let outcomes: Vec<Outcome> =
+            results.outcomes.iter().filter(|outcome| outcome.scene == scene).cloned().collect();
+        let mut figures = String::new();
+        for chart in of_scene(&outcomes, &folder.join("runs")) {
+            let path = charts_folder.join(file_name(&format!("{scene} {}", chart.title)));
+            write_bytes_atomically(&path.with_extension("svg"), chart.to_svg().as_bytes())?;
+            write_bytes_atomically(&path.with_extension("csv"), chart.to_csv().as_bytes())?;
+            figures += &chart.to_figure();
+        }
+        if !figures.is_empty() {
+            sections.push(Section::new(scene, format!("<div class=\"charts\">{figures}</div>")));
+        }
+    }
+    let page = Page {
+        title: "dvr bench".into(),
+        subtitle: format!("{}, {} threads, {}", machine.processor, machine.threads, machine.program),
+        sections,
+        footer: format!(
+            "{}. This file holds everything that it shows and asks nothing of the network.",
+            machine.program
+        ),
+    };
+    Ok(write_bytes_atomically(&folder.join("report.html"), page.to_html().as_bytes())?)
+}
+
+/// The charts of one scene that have something to show.
+fn of_scene(outcomes: &[Outcome], runs: &Path) -> Vec<Chart> {
+    let groups = grouped(outcomes);
+    let over_time =
+        |title: &str, (x, clock, spent): (&str, &str, Figure), (y, column, reached): (&str, &str, Figure)| Chart {
+            title: title.into(),
+            x: Axis::log(x),
+            y: Axis::linear(y),
+            series: groups
+                .iter()
+                .enumerate()
+                .map(|(i, group)| course(group, runs, [clock, column], [spent, reached]).colored(i))
+                .collect(),
+            pareto: None,
+        };
+    let ends = |title: &str, (x, spent): (&str, Figure), y: Axis, reached: Figure, better: Better| Chart {
+        title: title.into(),
+        x: Axis::log(x),
+        y,
+        series: groups.iter().enumerate().map(|(i, group)| dots(group, spent, reached).colored(i)).collect(),
+        pareto: Some([Better::Less, better]),
+    };
+    let wall: (&str, &str, Figure) = ("training, wall seconds", "seconds", |o| o.training_seconds.or(Some(o.seconds)));
+    let cpu: (&str, &str, Figure) = ("processor seconds", "cpu_seconds", |o| o.cpu_seconds);
+    let psnr: (&str, &str, Figure) = ("held-out PSNR, dB", "held_out_psnr", |o| o.psnr);
+    let iou: (&str, &str, Figure) = ("silhouette IoU", "held_out_mask_iou", |o| o.mask_iou);
+    let job: (&str, Figure) = ("whole job, wall seconds", |o| Some(o.seconds));
+    let stored: (&str, Figure) = ("stored, kB", |o| Some(o.bytes? as f64 / 1e3));
+    let above = || Axis::log("Chamfer-L1 above its floor, cube edges");
+    let mut charts = vec![
+        over_time("PSNR against wall time", wall, psnr),
+        over_time("PSNR against processor time", cpu, psnr),
+        over_time("Silhouettes against wall time", wall, iou),
+        ends("Chamfer-L1 against wall time", job, above(), chamfer_above_floor, Better::Less),
+        ends("Chamfer-L1 against processor time", (cpu.0, cpu.2), above(), chamfer_above_floor, Better::Less),
+        ends("PSNR of the whole job", job, Axis::linear(psnr.0), psnr.2, Better::More),
+        ends("Chamfer-L1 against size", stored, above(), chamfer_above_floor, Better::Less),
+        ends("PSNR against size", stored, Axis::linear(psnr.0), psnr.2, Better::More),
+    ];
+    charts.retain(|chart| !chart.is_empty());
+    charts
+}
+
+/// What a method is called on charts: with what taught it, where that is said.
+fn name(outcome: &Outcome) -> String {
+    match outcome.supervision.as_str() {
+        "" => outcome.method.clone(),
+        supervision => format!("{}, {supervision}", outcome.method),
+    }
+}
+
+/// How the seeds of a method went on; where nothing was written down on the way, where they ended.
+fn course(group: &[&Outcome], runs: &Path, [clock, column]: [&str; 2], [spent, reached]: [Figure; 2]) -> Series {
+    let curve = |outcome: &&Outcome| {
+        let folder = folder_name(&outcome.scene, &outcome.method, &outcome.supervision, outcome.seed);
+        let curves = Curves::read(&runs.join(folder).join("metrics.csv")).ok()?;
+        Some(curves.pairs(clock, column)).filter(|points| !points.is_empty())
+    };
+    let curves: Vec<Vec<[f64; 2]>> = group.iter().filter_map(curve).collect();
+    if curves.is_empty() { dots(group, spent, reached) } else { Series::of_seeds(name(group[0]), &curves) }
+}
+
+/// Where the seeds of a method ended.
+fn dots(group: &[&Outcome], x: Figure, y: Figure) -> Series {
+    Series::dots(name(group[0]), group.iter().filter_map(|outcome| Some([x(outcome)?, y(outcome)?])).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::machine;
+    use super::*;
+
+    fn outcome(method: &str, seed: u64, seconds: f64, chamfer: f64) -> Outcome {
+        let json = serde_json::json!({
+            "scene": "ball", "method": method, "supervision": "rgb", "seed": seed, "seconds": seconds, "bytes": 1000 * (seed + 1),
+            "chamfer_l1": chamfer, "floor": 0.002, "psnr": 20.0 + seconds,
+        });
+        serde_json::from_value(json).unwrap()
+    }
+
+    #[test]
+    fn what_was_measured_becomes_charts_and_a_page() {
+        let folder = tempfile::tempdir().unwrap();
+        let outcomes =
+            vec![outcome("fast", 0, 3.0, 0.003), outcome("fast", 1, 4.0, 0.0035), outcome("slow", 0, 9.0, 0.004)];
+        for seed in 0..2 {
+            let run = folder.path().join("runs").join(folder_name("ball", "fast", "rgb", seed));
+            std::fs::create_dir_all(&run).unwrap();
+            let rows = format!("seconds,held_out_psnr\n0.5,2{seed}\n1.0,25\n");
+            std::fs::write(run.join("metrics.csv"), rows).unwrap();
+        }
+        write(&Results { outcomes, ..Results::new(machine::describe()) }, folder.path()).unwrap();
+        let read = |name: &str| std::fs::read_to_string(folder.path().join(name)).unwrap();
+        let curve = read("charts/ball-psnr-against-wall-time.csv");
+        assert!(curve.contains("\"fast, rgb\",0.5,20.5,20,21") && curve.contains("\"slow, rgb\",9,29,,"), "{curve}");
+        assert!(read("charts/ball-chamfer-l1-against-wall-time.svg").contains("class=\"front\""));
+        let page = read("report.html");
+        assert!(
+            page.contains("Chamfer-L1 against size") && !page.contains("Silhouettes against"),
+            "nobody measured those"
+        );
+    }
+}
