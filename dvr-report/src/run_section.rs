@@ -198,7 +198,7 @@ pub(crate) fn views(story: &RunStory) -> String {
             let _ = write!(
                 html,
                 "<button type=\"button\" data-view=\"{i}\" aria-pressed=\"{}\"><img src=\"{}\" alt=\"\" \
-                 loading=\"lazy\"><span>{}</span></button>",
+                 decoding=\"async\"><span>{}</span></button>",
                 i == 0,
                 view.render,
                 escape(&view.name)
@@ -223,7 +223,7 @@ fn one_view(view: &ViewPictures, scale: f64, first: bool) -> String {
     let map = |address: &str, text: &str, hint: &str| {
         format!(
             "<figure><img src=\"{address}\" width=\"{width}\" height=\"{height}\" alt=\"{text}\" \
-             loading=\"lazy\"><figcaption title=\"{hint}\">{text}</figcaption></figure>"
+             decoding=\"async\"><figcaption title=\"{hint}\">{text}</figcaption></figure>"
         )
     };
     let psnr = if view.psnr.is_finite() { format!("{:.2} dB", view.psnr) } else { "no difference".into() };

@@ -87,7 +87,8 @@ mod tests {
         assert_eq!(Settings::new(&Method::Network(TrainConfig::classic(Supervision::Rgb))).unwrap().preset, "classic");
         let mut config = FastConfig { seed: 7, capacity: Capacity::Cells(64), ..FastConfig::new(Supervision::Rgb) };
         config.losses.mask = 3.0;
-        let changed = Settings::new(&Method::Lattice(config)).unwrap().changed;
+        let mut changed = Settings::new(&Method::Lattice(config)).unwrap().changed;
+        changed.sort();
         let keys: Vec<&str> = changed.iter().map(|[key, ..]| key.as_str()).collect();
         assert_eq!(keys, ["capacity", "losses.mask", "seed"]);
         assert_eq!(changed[1][1..], ["3.0", "10.0"]);
