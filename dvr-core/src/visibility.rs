@@ -10,8 +10,8 @@ use crate::camera::Camera;
 use crate::mesh::{Mesh, shapes};
 use crate::ray::Ray;
 
-/// Cosine between the line of sight and the normal below which a view does not see a vertex: beyond 78 degrees a pixel covers
-/// five times its width of surface.
+/// Cosine between the line of sight and the normal below which a view does not see a vertex: beyond 78 degrees a pixel
+/// covers five times its width of surface.
 const MIN_COSINE: f64 = 0.2;
 
 /// Share of the distance to the camera that a line of sight leaves the surface by before it is tested for occlusion.
@@ -20,11 +20,12 @@ const CLEARANCE: f64 = 2e-3;
 /// How well the views of a scene see a vertex. Zeros: nothing was ever seen of it, and what is there was made up.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Observation {
-    /// Views that see the vertex: it projects into their frame, nothing of the mesh is in between, and the line of sight is less
-    /// than 78 degrees away from the normal.
+    /// Views that see the vertex: it projects into their frame, nothing of the mesh is in between, and the line of
+    /// sight is less than 78 degrees away from the normal.
     pub views: u16,
-    /// `cos(best) (1 - 2^-views)`, in `[0, 1]`: the cosine of the smallest angle between a line of sight and the normal, times a
-    /// half for a single view (which tells a colour but no depth), three quarters for two, and so on towards one.
+    /// `cos(best) (1 - 2^-views)`, in `[0, 1]`: the cosine of the smallest angle between a line of sight and the
+    /// normal, times a half for a single view (which tells a colour but no depth), three quarters for two, and so on
+    /// towards one.
     pub confidence: f32,
 }
 
@@ -63,7 +64,8 @@ pub struct Visibility<'a> {
 }
 
 impl<'a> Visibility<'a> {
-    /// Builds the hierarchy that finds what is in between. Normals that the mesh does not have are taken from its faces.
+    /// Builds the hierarchy that finds what is in between. Normals that the mesh does not have are taken from its
+    /// faces.
     pub fn new(mesh: &'a Mesh) -> Self {
         let normals = match &mesh.normals {
             Some(normals) => Cow::Borrowed(normals.as_slice()),
@@ -123,7 +125,8 @@ mod tests {
         let (near, far) = (seen[nearest(&ball, Vec3::Z)], seen[nearest(&ball, Vec3::NEG_Z)]);
         assert!(near.views == 1 && (near.confidence - 0.5).abs() < 0.01, "{near:?}");
         assert_eq!(far, Observation::default());
-        // From a distance d the cap with cosine c to the eye is seen: here it is a bit less than two fifths of the ball.
+        // From a distance d the cap with cosine c to the eye is seen: here it is a bit less than two fifths of the
+        // ball.
         let share = seen.iter().filter(|o| o.views > 0).count() as f64 / seen.len() as f64;
         assert!((0.28..0.42).contains(&share), "{share}");
     }

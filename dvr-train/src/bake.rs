@@ -17,8 +17,8 @@ struct Shown {
     color: [f32; 3],
 }
 
-/// Notes on a mesh in object space how well `views` see its vertices, and replaces its colours by what they show there; vertices
-/// that no view sees keep theirs. Returns how many took a new colour.
+/// Notes on a mesh in object space how well `views` see its vertices, and replaces its colours by what they show there;
+/// vertices that no view sees keep theirs. Returns how many took a new colour.
 ///
 /// A vertex takes the weighted median of the views that see it best (most frontally, from the shortest distance in
 /// pixels), channel by channel: a highlight or a wrong mask in one of them does not count.

@@ -29,8 +29,8 @@ pub struct MeshOptions {
     pub max_simplification: f32,
 }
 
-/// Extracts the mesh of a field, in object space, with vertex colours and, where there are `views`, how well these see its vertices;
-/// `seeds` are points near the surface, and `views` the photographs that may colour it.
+/// Extracts the mesh of a field, in object space, with vertex colours and, where there are `views`, how well these see
+/// its vertices; `seeds` are points near the surface, and `views` the photographs that may colour it.
 ///
 /// # Errors
 /// When the field has no surface in the cube; the message says what to try.

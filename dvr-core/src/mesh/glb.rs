@@ -14,8 +14,9 @@ const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 
 /// The mesh as a GLB with one rough, two-sided material; vertex colours are stored linear, as glTF defines `COLOR_0`.
 ///
-/// Observations become the application-specific attributes `_CONFIDENCE` and `_VIEWS` (section 3.7.2.1). The number of views is
-/// a float as well: unsigned integers of 32 bits are for indices alone, and shorter ones would break the alignment to four bytes.
+/// Observations become the application-specific attributes `_CONFIDENCE` and `_VIEWS` (section 3.7.2.1). The number of
+/// views is a float as well: unsigned integers of 32 bits are for indices alone, and shorter ones would break the
+/// alignment to four bytes.
 ///
 /// A mesh without faces gives a valid file without a scene.
 pub(super) fn encode(mesh: &Mesh) -> Vec<u8> {

@@ -12,7 +12,8 @@ use crate::files::write_bytes_atomically;
 ///
 /// Polygons are cut into triangles. Positions are single precision: at a million units from the origin they are exact
 /// to about a sixteenth of a unit, so models in geographic coordinates should be moved to the origin before. What could
-/// not be read but does not matter for the shape (a missing texture, say) is left out; [`read_mesh_with_warnings`] tells.
+/// not be read but does not matter for the shape (a missing texture, say) is left out; [`read_mesh_with_warnings`]
+/// tells.
 ///
 /// # Errors
 /// When the file cannot be read, its format is not known or not kept, a face names a vertex that is not there, or a
@@ -42,9 +43,9 @@ pub fn read_mesh_with_warnings(path: impl AsRef<Path>, warnings: &mut Vec<String
 
 /// Writes a mesh with its normals, colours and observations as OBJ, PLY (binary) or GLB, by the path's extension.
 ///
-/// Colours are stored per vertex: OBJ as `v x y z r g b`, PLY as bytes, GLB as `COLOR_0`, which glTF wants linear. OBJ has
-/// no place for observations; PLY calls them `confidence` and `views`, GLB `_CONFIDENCE` and `_VIEWS`. The file appears whole or
-/// not at all.
+/// Colours are stored per vertex: OBJ as `v x y z r g b`, PLY as bytes, GLB as `COLOR_0`, which glTF wants linear. OBJ
+/// has no place for observations; PLY calls them `confidence` and `views`, GLB `_CONFIDENCE` and `_VIEWS`. The file
+/// appears whole or not at all.
 ///
 /// # Errors
 /// When the extension is none of these, or the file cannot be written.

@@ -6,7 +6,8 @@ use super::Mesh;
 
 impl Mesh {
     /// The mesh with as few triangles as keep its surface within about `max_error` (in the mesh's units) of where it
-    /// was. Topology is kept: a closed mesh stays closed. Vertices that remain keep position, normal, colour and observation.
+    /// was. Topology is kept: a closed mesh stays closed. Vertices that remain keep position, normal, colour and
+    /// observation.
     #[must_use]
     pub fn simplified(&self, max_error: f32) -> Self {
         let indices: Vec<u32> = self.faces.iter().flatten().copied().collect();
