@@ -103,7 +103,11 @@ class Viewer {
     this.frusta = [false, true].map((heldOut) => this.lineSet(heldOut));
     const [low, high] = [this.facts.low, this.facts.high];
     this.center = V.scaled(V.add(low, high), 0.5);
-    this.radius = 0.5 * Math.hypot(...V.add(high, V.scaled(low, -1)));
+    this.radius = 1e-6;
+    for (let i = 0; i < mesh.positions.length; i += 3) {
+      const [x, y, z] = [0, 1, 2].map((axis) => mesh.positions[i + axis] - this.center[axis]);
+      this.radius = Math.max(this.radius, Math.hypot(x, y, z));
+    }
     this.home();
     new ResizeObserver(() => this.draw()).observe(this.canvas);
     this.root.dataset.state = "ready";
@@ -160,7 +164,7 @@ class Viewer {
       this.height = Math.max(-1.2, Math.min(1.2, Math.asin(Math.max(-1, Math.min(1, V.dot(to, up))))));
     }
     this.target = this.center;
-    this.distance = (this.radius / Math.sin(FIELD_OF_VIEW / 2)) * 0.8;
+    this.distance = (this.radius / Math.sin(FIELD_OF_VIEW / 2)) * 0.97;
     this.draw();
   }
 

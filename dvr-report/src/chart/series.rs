@@ -35,21 +35,21 @@ impl Series {
 
     /// The median of curves that differ in their seed, with the range of all as its band.
     ///
-    /// Seeds are compared at the times of the longest of them, by what each had reached last before: no value is
-    /// invented between two measurements. Before a curve's first and after its last point it does not count.
+    /// At each `x` of any of them, a curve counts with what it had reached by then: no value is invented between two
+    /// measurements, and what is done stays done. Before its first point it does not count.
     pub fn of_seeds(name: impl Into<String>, curves: &[Vec<[f64; 2]>]) -> Self {
         let name = name.into();
-        let longest = curves.iter().max_by_key(|curve| curve.len());
-        let Some(longest) = longest else { return Self::line(name, Vec::new()) };
-        if curves.len() == 1 {
-            return Self::line(name, longest.clone());
+        if let [curve] = curves {
+            return Self::line(name, curve.clone());
         }
+        let mut places: Vec<f64> = curves.iter().flatten().map(|point| point[0]).collect();
+        places.sort_by(f64::total_cmp);
+        places.dedup();
         let (mut points, mut band) = (Vec::new(), Vec::new());
-        for &[x, _] in longest {
+        for x in places {
             let reached = |curve: &Vec<[f64; 2]>| -> Option<f64> {
                 let behind = curve.partition_point(|point| point[0] <= x);
-                let last = curve.last().is_some_and(|last| x > last[0] * (1.0 + 1e-9) && behind == curve.len());
-                (behind > 0 && !last).then(|| curve[behind - 1][1])
+                behind.checked_sub(1).map(|last| curve[last][1])
             };
             let mut values: Vec<f64> = curves.iter().filter_map(reached).collect();
             values.sort_by(f64::total_cmp);
@@ -123,8 +123,8 @@ mod tests {
             vec![[0.0, 4.0], [1.0, 5.0]],
         ];
         let series = Series::of_seeds("fast", &curves);
-        assert_eq!(series.band, [[0.0, 1.0, 4.0], [1.0, 2.0, 10.0], [2.0, 3.0, 20.0]]);
-        assert_eq!(series.points, [[0.0, 2.5], [1.0, 5.0], [2.0, 11.5]]);
+        assert_eq!(series.band, [[0.0, 1.0, 4.0], [0.5, 1.0, 10.0], [1.0, 2.0, 10.0], [2.0, 3.0, 20.0]]);
+        assert_eq!(series.points, [[0.0, 2.5], [0.5, 4.0], [1.0, 5.0], [2.0, 5.0]]);
         assert!(Series::of_seeds("one", &curves[..1]).band.is_empty());
         assert!(Series::of_seeds("none", &[]).points.is_empty());
     }
