@@ -3,6 +3,8 @@
 mod args;
 mod backend;
 mod commands;
+#[cfg(feature = "gpu")]
+mod gpu;
 mod progress;
 
 use std::process::ExitCode;
@@ -23,7 +25,23 @@ const EXIT_BAD_INPUT: u8 = 2;
 pub(crate) const EXIT_INTERRUPTED: u8 = 130;
 
 fn main() -> ExitCode {
-    let result = match Cli::parse().command {
+    let command = Cli::parse().command;
+    #[cfg(feature = "gpu")]
+    let result = gpu::guarded(|| run(command));
+    #[cfg(not(feature = "gpu"))]
+    let result = run(command);
+    match result {
+        Ok(code) => code,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::from(EXIT_BAD_INPUT)
+        }
+    }
+}
+
+/// Carries out a command.
+fn run(command: Command) -> anyhow::Result<ExitCode> {
+    match command {
         Command::Info(args) => commands::info::run(&args),
         Command::Train(args) => commands::train::run(&args),
         Command::Mesh(args) => commands::mesh::run(&args),
@@ -35,12 +53,6 @@ fn main() -> ExitCode {
         Command::Export(args) => commands::export::run(&args),
         Command::Import(args) => commands::import::run(&args),
         Command::Predict(args) => commands::predict::run(&args),
-    };
-    match result {
-        Ok(code) => code,
-        Err(error) => {
-            eprintln!("error: {error:#}");
-            ExitCode::from(EXIT_BAD_INPUT)
-        }
+        Command::Devices => commands::devices::run(),
     }
 }

@@ -6,9 +6,13 @@ use burn::nn::{Initializer, Linear, LinearConfig};
 use burn::tensor::activation::{leaky_relu, relu, sigmoid};
 use burn::tensor::{Device, Int, Tensor};
 use dvr_render::{Field, FieldJet, FieldValues, Query, Snapshot, axis_direction};
+#[cfg(feature = "gpu")]
+use dvr_render::{MarchSettings, Marcher};
 
 use crate::encoding;
 use crate::fused::{FusedDecoder, snapshots};
+#[cfg(feature = "gpu")]
+use crate::gpu_march::KernelMarcher;
 
 /// Configuration of a [`Decoder`]. The defaults are the original's, but for the width.
 #[derive(Config, Debug, PartialEq)]
@@ -201,6 +205,12 @@ impl Conditioned {
         &self.decoder
     }
 
+    /// What each block adds of the codes, `[objects, hidden]` a block; none without codes.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn conditions(&self) -> &[Tensor<2>] {
+        &self.conditions
+    }
+
     /// Raw outputs, `[n, 4]`.
     fn outputs(&self, query: &Query) -> Tensor<2> {
         match &query.object {
@@ -267,6 +277,12 @@ impl Field for Conditioned {
         let fused = FusedDecoder::new(&self.decoder);
         snapshots(if self.conditions.is_empty() { vec![fused] } else { fused.with_conditions(&self.conditions) })
     }
+
+    #[cfg(feature = "gpu")]
+    fn device_marcher(&self, settings: MarchSettings) -> Option<Box<dyn Marcher + '_>> {
+        dvr_gpu::is_gpu(&self.device())
+            .then(|| Box::new(KernelMarcher::new(self.clone(), settings)) as Box<dyn Marcher>)
+    }
 }
 
 impl Field for Decoder {
@@ -292,5 +308,11 @@ impl Field for Decoder {
 
     fn snapshots(&self) -> Vec<Snapshot> {
         self.unconditioned().snapshots()
+    }
+
+    #[cfg(feature = "gpu")]
+    fn device_marcher(&self, settings: MarchSettings) -> Option<Box<dyn Marcher + '_>> {
+        dvr_gpu::is_gpu(&self.device())
+            .then(|| Box::new(KernelMarcher::new(self.unconditioned(), settings)) as Box<dyn Marcher>)
     }
 }

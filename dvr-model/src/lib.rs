@@ -47,6 +47,8 @@ mod decoder;
 mod encoder;
 mod encoding;
 mod fused;
+#[cfg(feature = "gpu")]
+mod gpu_march;
 mod image_model;
 mod lattice_decoder;
 mod lattice_field;

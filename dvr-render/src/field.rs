@@ -3,6 +3,7 @@
 use burn::tensor::{Device, Int, Tensor};
 
 use crate::extract::ScalarField;
+use crate::march::{MarchSettings, Marcher};
 
 /// Points at which a field is asked, and whose they are.
 #[derive(Clone, Debug)]
@@ -106,6 +107,13 @@ pub trait Field: Sync {
     fn snapshots(&self) -> Vec<Snapshot> {
         Vec::new()
     }
+
+    /// A marcher of the field's own for its device, where that has one that is faster than tensors: a kernel of a GPU. It is asked
+    /// for where there are no snapshots.
+    fn device_marcher(&self, settings: MarchSettings) -> Option<Box<dyn Marcher + '_>> {
+        let _ = settings;
+        None
+    }
 }
 
 /// A field of one object that no longer changes.
@@ -143,5 +151,9 @@ impl<F: Field + ?Sized> Field for &F {
 
     fn snapshots(&self) -> Vec<Snapshot> {
         (**self).snapshots()
+    }
+
+    fn device_marcher(&self, settings: MarchSettings) -> Option<Box<dyn Marcher + '_>> {
+        (**self).device_marcher(settings)
     }
 }

@@ -9,6 +9,8 @@
 // Upstream deprecates burn-ndarray; here it is only a second oracle, behind a feature.
 #![allow(deprecated)]
 
+#[cfg(feature = "gpu")]
+use burn::backend::Cube;
 #[cfg(feature = "ndarray")]
 use burn::backend::NdArray;
 use burn::backend::autodiff::checkpoint::base::Checkpointer;
@@ -105,8 +107,7 @@ pub fn implicit_depth(occupancy_logit: Tensor<1>, depth: Tensor<1>, inverse_slop
 }
 
 /// The operation as an extension of burn's backends; use [`implicit_depth`].
-#[cfg_attr(not(feature = "ndarray"), backend_extension(Autodiff, Flex))]
-#[cfg_attr(feature = "ndarray", backend_extension(Autodiff, Flex, NdArray))]
+#[backend_extension(Autodiff, Flex, NdArray: cfg(feature = "ndarray"), Cube: cfg(feature = "gpu"))]
 pub trait ImplicitDepth: Backend {
     /// Returns `depth` unchanged; only the autodiff backend has more to do.
     fn implicit_depth(
@@ -123,6 +124,9 @@ impl ImplicitDepth for Flex {}
 
 #[cfg(feature = "ndarray")]
 impl ImplicitDepth for NdArray {}
+
+#[cfg(feature = "gpu")]
+impl ImplicitDepth for Cube {}
 
 impl<B: ImplicitDepth, C: CheckpointStrategy> ImplicitDepth for Autodiff<B, C> {
     fn implicit_depth(

@@ -36,6 +36,7 @@
 
 #![warn(missing_docs)]
 
+mod chunks;
 pub mod extract;
 mod field;
 mod implicit_depth;
@@ -48,9 +49,10 @@ mod snapshot_march;
 mod surface;
 mod view;
 
+pub use chunks::is_gpu;
 pub use field::{Field, FieldJet, FieldValues, Query, Snapshot, axis_direction};
 pub use implicit_depth::{SlopeRule, dot, implicit_depth};
-pub use march::{Hits, March, MarchSettings, Marcher, TensorMarcher};
+pub use march::{Fate, Hits, March, MarchSettings, Marcher, TensorMarcher};
 pub use rays::Rays;
 pub use root::{Bracket, RootMethod};
 pub use shade::{FieldShader, MeshShader, RenderSettings, Shaded, Shader};

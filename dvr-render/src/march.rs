@@ -1,9 +1,9 @@
 //! Gradient-free ray marching: where does each ray first cross the surface? (DVR, section 3.2.)
 
-use burn::tensor::{Bool, Int, Tensor};
-use rayon::prelude::*;
+use burn::tensor::{Int, Tensor, TensorData};
 use serde::{Deserialize, Serialize};
 
+use crate::chunks::{chunks, in_parallel, points_at_once};
 use crate::field::{Field, Query};
 use crate::rays::Rays;
 use crate::root::{Bracket, RootMethod};
@@ -20,7 +20,7 @@ pub struct MarchSettings {
     pub root: RootMethod,
     /// Evaluations a ray that the root search spends.
     pub root_steps: usize,
-    /// Points evaluated at once. Bounds the memory; on a CPU, small enough for the activations to stay in cache.
+    /// Points evaluated at once on a CPU: few enough for the activations to stay in cache. On a GPU, its memory says how many.
     pub max_points: usize,
 }
 
@@ -44,12 +44,55 @@ pub trait Marcher {
 pub struct March {
     /// The rays that hit, `None` where no ray does.
     pub hits: Option<Hits>,
-    /// Whether a ray hit, `[n]`.
-    pub hit: Tensor<1, Bool>,
-    /// Whether a ray starts inside the object, `[n]`. Such a ray hits nothing: it sees no surface from outside.
-    pub starts_inside: Tensor<1, Bool>,
+    /// What became of each ray, in the batch's order. Not on the device: which rays hit must be known to the program, to go on
+    /// with these alone, and is read back once.
+    pub fate: Vec<Fate>,
     /// Depth of the sample with the largest logit, `[n]`: where a ray that misses came closest to the object.
     pub densest_depth: Tensor<1>,
+}
+
+impl March {
+    /// From what a kernel leaves on the device, `[n, 3]`: the fate of each ray as a number (0 misses, 1 hits, 2 starts inside), the
+    /// depth of its crossing, and that of its densest sample. The fates alone are read back.
+    pub fn of_columns(rays: &Rays, columns: &Tensor<2>) -> Self {
+        let column = |i| columns.clone().narrow(1, i, 1).squeeze_dim::<1>(1);
+        let fate = Fate::read(column(0));
+        let hits = Hits::places(&fate, rays).map(|index| Hits {
+            rays: rays.select(&index),
+            depth: column(1).select(0, index.clone()),
+            index,
+        });
+        Self { hits, fate, densest_depth: column(2) }
+    }
+}
+
+/// What became of a ray.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Fate {
+    /// It meets nothing.
+    #[default]
+    Misses,
+    /// It meets the surface from outside.
+    Hits,
+    /// It starts inside the object. Such a ray hits nothing: it sees no surface from outside.
+    StartsInside,
+}
+
+impl Fate {
+    /// The fates that a marcher left on the device as numbers, `[n]`: 0, 1 and 2 in the order of the variants. Reads them back.
+    fn read(codes: Tensor<1>) -> Vec<Self> {
+        let fate = |code: f32| match code {
+            1.0 => Self::Hits,
+            2.0 => Self::StartsInside,
+            _ => Self::Misses,
+        };
+        codes.into_data().iter::<f32>().map(fate).collect()
+    }
+
+    /// The places of the rays that hit, ascending.
+    fn hits(fates: &[Self]) -> Vec<i64> {
+        fates.iter().enumerate().filter(|(_, fate)| **fate == Self::Hits).map(|(i, _)| i as i64).collect()
+    }
 }
 
 /// The rays of a batch that hit, and where.
@@ -64,6 +107,13 @@ pub struct Hits {
 }
 
 impl Hits {
+    /// The places of the rays that hit, on the rays' device; `None` where none does.
+    fn places(fates: &[Fate], rays: &Rays) -> Option<Tensor<1, Int>> {
+        let places = Fate::hits(fates);
+        let count = places.len();
+        (count > 0).then(|| Tensor::from_data(TensorData::new(places, [count]), &rays.entry.device()))
+    }
+
     /// How many rays hit.
     pub fn len(&self) -> usize {
         self.depth.dims()[0]
@@ -95,17 +145,17 @@ pub struct TensorMarcher<F> {
 impl<F: Field> TensorMarcher<F> {
     /// Marches through `field`, which must not track gradients (`Module::valid`).
     pub fn new(field: F, settings: MarchSettings) -> Self {
-        let settings =
-            MarchSettings { steps: settings.steps.max(2), max_points: settings.max_points.max(1), ..settings };
+        let max_points = points_at_once(&field.device(), settings.max_points.max(1));
+        let settings = MarchSettings { steps: settings.steps.max(2), max_points, ..settings };
         Self { field, settings }
     }
 
     /// Logits at one depth a ray, in chunks.
     fn logits_at(&self, rays: &Rays, depth: Tensor<1>) -> Tensor<1> {
         let query = Query { points: rays.at(depth), object: rays.object.clone() };
-        in_chunks(query.len(), self.settings.max_points, |start, length| {
-            self.field.occupancy_logit(&query.narrow(start, length))
-        })
+        let parts: Vec<_> = chunks(query.len(), self.settings.max_points).collect();
+        let evaluate = |(start, length)| self.field.occupancy_logit(&query.narrow(start, length));
+        Tensor::cat(in_parallel(&rays.entry.device(), parts, evaluate), 0)
     }
 
     /// Samples a few rays and finds the first sample inside.
@@ -147,14 +197,15 @@ impl<F: Field> TensorMarcher<F> {
             inside_logit: pick(&logit, &after),
         };
         let densest_depth = pick(&depth, &logit.argmax(1));
-        Samples { hit, starts_inside, densest_depth, bracket }
+        let fate = hit.float() + starts_inside.float() * 2.0;
+        Samples { fate, densest_depth, bracket }
     }
 }
 
-/// What sampling a chunk of rays tells, one entry a ray; the bracket is meaningless where `hit` is false.
+/// What sampling a chunk of rays tells, one entry a ray; the bracket is meaningless where a ray does not hit.
 struct Samples {
-    hit: Tensor<1, Bool>,
-    starts_inside: Tensor<1, Bool>,
+    /// [`Fate`]s as numbers.
+    fate: Tensor<1>,
     densest_depth: Tensor<1>,
     bracket: Bracket,
 }
@@ -162,20 +213,14 @@ struct Samples {
 impl<F: Field> Marcher for TensorMarcher<F> {
     fn march(&self, rays: &Rays, jitter: Option<Tensor<1>>) -> March {
         let rays_a_chunk = (self.settings.max_points / self.settings.steps).max(1);
-        let samples: Vec<_> = chunks(rays.len(), rays_a_chunk)
-            .collect::<Vec<_>>()
-            .into_par_iter()
-            .map(|(start, length)| {
-                self.sample(&rays.narrow(start, length), jitter.clone().map(|j| j.narrow(0, start, length)))
-            })
-            .collect();
+        let parts = chunks(rays.len(), rays_a_chunk).collect();
+        let samples = in_parallel(&rays.entry.device(), parts, |(start, length)| {
+            self.sample(&rays.narrow(start, length), jitter.clone().map(|j| j.narrow(0, start, length)))
+        });
         let gather = |part: fn(&Samples) -> Tensor<1>| Tensor::cat(samples.iter().map(part).collect(), 0);
-        let hit = Tensor::cat(samples.iter().map(|s| s.hit.clone()).collect(), 0);
-        let starts_inside = Tensor::cat(samples.iter().map(|s| s.starts_inside.clone()).collect(), 0);
+        let fate = Fate::read(gather(|s| s.fate.clone()));
         let densest_depth = gather(|s| s.densest_depth.clone());
-
-        let index = hit.clone().argwhere().squeeze_dim::<1>(1);
-        let hits = (index.dims()[0] > 0).then(|| {
+        let hits = Hits::places(&fate, rays).map(|index| {
             let hit_rays = rays.select(&index);
             let pick = |part: fn(&Samples) -> Tensor<1>| gather(part).select(0, index.clone());
             let bracket = Bracket {
@@ -188,17 +233,6 @@ impl<F: Field> Marcher for TensorMarcher<F> {
             let depth = self.settings.root.find(bracket, self.settings.root_steps, logit);
             Hits { index, rays: hit_rays, depth }
         });
-        March { hits, hit, starts_inside, densest_depth }
+        March { hits, fate, densest_depth }
     }
-}
-
-/// `(start, length)` of consecutive chunks of at most `size` that cover `0..n`.
-pub(crate) fn chunks(n: usize, size: usize) -> impl Iterator<Item = (usize, usize)> {
-    (0..n).step_by(size).map(move |start| (start, size.min(n - start)))
-}
-
-/// Evaluates `0..n` chunk by chunk and joins the results.
-fn in_chunks(n: usize, size: usize, evaluate: impl Fn(usize, usize) -> Tensor<1> + Sync) -> Tensor<1> {
-    let parts: Vec<_> = chunks(n, size).collect();
-    Tensor::cat(parts.into_par_iter().map(|(start, length)| evaluate(start, length)).collect(), 0)
 }

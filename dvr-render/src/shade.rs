@@ -1,14 +1,16 @@
 //! What rays see: the common view of fields and meshes.
 
+use burn::tensor::Tensor;
 use dvr_core::mesh::Mesh;
 use dvr_core::{Bvh, Ray, UnitCube};
 use glam::Vec3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use crate::chunks::{in_parallel, points_at_once};
 use crate::extract::{FieldSurface, ScalarField};
 use crate::field::Field;
-use crate::march::MarchSettings;
+use crate::march::{Hits, MarchSettings};
 use crate::rays::Rays;
 use crate::skip::SkipGrid;
 
@@ -40,7 +42,7 @@ pub struct Shaded {
 pub struct RenderSettings {
     /// Samples across the *whole* cube; a ray that may only meet the object in a part of it gets its share.
     pub march: MarchSettings,
-    /// Rays in flight at once, a thread.
+    /// Rays in flight at once, a thread of a CPU; on a GPU, its memory says how many.
     pub max_rays: usize,
 }
 
@@ -66,6 +68,9 @@ impl<'a, F: Field> FieldShader<'a, F> {
     /// Marches one batch and evaluates colour and normal at its hits: `(ray, what it sees)`.
     fn shade_batch(&self, rays: &Rays, settings: MarchSettings) -> Vec<(usize, Shaded)> {
         let Some(hits) = self.surface.marcher(settings).march(rays, None).hits else { return Vec::new() };
+        if self.surface.asks_tensors() {
+            return self.shade_on_device(&hits);
+        }
         let flat: Vec<f32> = hits.points().into_data().iter::<f32>().collect();
         let points: Vec<Vec3> = flat.as_chunks().0.iter().map(|&p| Vec3::from_array(p)).collect();
         // A field answers both: what has no gradient or colour is no `Field`.
@@ -80,6 +85,25 @@ impl<'a, F: Field> FieldShader<'a, F> {
             .zip(colors.into_iter().zip(normals))
             .map(|((ray, depth), (color, normal))| (ray as usize, Shaded { depth, color, normal: normal.to_array() }))
             .collect()
+    }
+}
+
+impl<F: Field> FieldShader<'_, F> {
+    /// What the hits show, evaluated where they lie and read back at once.
+    fn shade_on_device(&self, hits: &Hits) -> Vec<(usize, Shaded)> {
+        let query = hits.query();
+        let columns = [
+            hits.index.clone().float().unsqueeze_dim::<2>(1),
+            hits.depth.clone().unsqueeze_dim(1),
+            self.surface.field().evaluate(&query).color,
+            self.surface.field().occupancy_gradient(&query),
+        ];
+        let numbers: Vec<f32> = Tensor::cat(columns.to_vec(), 1).into_data().iter::<f32>().collect();
+        let shaded = |&[ray, depth, r, g, b, x, y, z]: &[f32; 8]| {
+            let normal = (-Vec3::new(x, y, z)).normalize_or_zero().to_array();
+            (ray as usize, Shaded { depth, color: [r, g, b], normal })
+        };
+        numbers.as_chunks().0.iter().map(shaded).collect()
     }
 }
 
@@ -110,20 +134,17 @@ impl<F: Field> Shader for FieldShader<'_, F> {
             })
             .collect();
         jobs.sort_by_key(|&(i, _, _, steps)| (steps, i));
+        let rays_a_batch = points_at_once(&device, self.settings.max_rays);
         let batches: Vec<&[(usize, f64, f64, usize)]> =
-            jobs.chunk_by(|a, b| a.3 == b.3).flat_map(|group| group.chunks(self.settings.max_rays)).collect();
-        let shaded: Vec<(usize, Shaded)> = batches
-            .into_par_iter()
-            .flat_map_iter(|batch| {
-                let cut: Vec<_> = batch.iter().map(|&(i, entry, exit, _)| (rays[i], entry, exit)).collect();
-                let march = MarchSettings { steps: batch[0].3, ..self.settings.march };
-                self.shade_batch(&Rays::within(&cut, &device), march)
-                    .into_iter()
-                    .map(|(ray, shaded)| (batch[ray].0, shaded))
-            })
-            .collect();
+            jobs.chunk_by(|a, b| a.3 == b.3).flat_map(|group| group.chunks(rays_a_batch)).collect();
+        let shaded = in_parallel(&device, batches, |batch: &[(usize, f64, f64, usize)]| {
+            let cut: Vec<_> = batch.iter().map(|&(i, entry, exit, _)| (rays[i], entry, exit)).collect();
+            let march = MarchSettings { steps: batch[0].3, ..self.settings.march };
+            let shaded = self.shade_batch(&Rays::within(&cut, &device), march).into_iter();
+            shaded.map(|(ray, shaded)| (batch[ray].0, shaded)).collect::<Vec<_>>()
+        });
         let mut result = vec![None; rays.len()];
-        for (i, value) in shaded {
+        for (i, value) in shaded.into_iter().flatten() {
             result[i] = Some(value);
         }
         result

@@ -5,6 +5,7 @@ use dvr_kernels::{Lattice, Walk};
 use glam::Vec3;
 use rayon::prelude::*;
 
+use crate::chunks::chunks;
 use crate::extract::ScalarField;
 
 /// Cells of the padded cube, each marked if the object may be in it or beside it.
@@ -19,6 +20,9 @@ pub struct SkipGrid {
     marked: Vec<bool>,
 }
 
+/// Corners that are asked for at once: enough to keep a GPU busy.
+const POINTS: usize = 1 << 16;
+
 impl SkipGrid {
     /// Asks the field at the `(cells + 1)^3` corners.
     pub fn build(field: &(impl ScalarField + ?Sized), cube: UnitCube, cells: usize) -> Self {
@@ -26,10 +30,11 @@ impl SkipGrid {
         let half = cube.half_extent() as f32;
         let step = 2.0 * half / cells as f32;
         let coordinate = |i: usize| i as f32 * step - half;
+        let node = |i: usize| Vec3::from_array([i / (nodes * nodes), i / nodes % nodes, i % nodes].map(coordinate));
         let mut inside = Vec::with_capacity(nodes * nodes * nodes);
-        for x in 0..nodes {
-            let slice = (0..nodes * nodes).map(|i| Vec3::from_array([x, i / nodes, i % nodes].map(coordinate)));
-            inside.extend(field.logits(&slice.collect::<Vec<_>>()).into_iter().map(|logit| logit >= 0.0));
+        for (start, length) in chunks(nodes * nodes * nodes, POINTS) {
+            let points: Vec<_> = (start..start + length).map(node).collect();
+            inside.extend(field.logits(&points).into_iter().map(|logit| logit >= 0.0));
         }
         Self::of_cells(cube, cells, |[x, y, z]| any_corner_inside(&inside, nodes, [x, y, z]))
     }

@@ -1,11 +1,11 @@
 //! Marching through snapshots: front to back, and no further than to the surface.
 
-use burn::tensor::{Bool, Device, Int, Tensor, TensorData};
+use burn::tensor::{Device, Int, Tensor, TensorData};
 use glam::Vec3;
 use rayon::prelude::*;
 
 use crate::field::Snapshot;
-use crate::march::{Hits, March, MarchSettings, Marcher};
+use crate::march::{Fate, Hits, March, MarchSettings, Marcher};
 use crate::rays::Rays;
 use crate::root::Bracket;
 
@@ -103,6 +103,16 @@ struct Sampled {
     bracket: Option<([f32; 2], [f32; 2])>,
 }
 
+impl Sampled {
+    fn fate(&self) -> Fate {
+        match self.bracket {
+            Some(_) => Fate::Hits,
+            None if self.starts_inside => Fate::StartsInside,
+            None => Fate::Misses,
+        }
+    }
+}
+
 impl Marcher for SnapshotMarcher<'_> {
     fn march(&self, rays: &Rays, jitter: Option<Tensor<1>>) -> March {
         let device = rays.entry.device();
@@ -139,14 +149,9 @@ impl Marcher for SnapshotMarcher<'_> {
             let index = Tensor::<1, Int>::from_data(TensorData::new(index, [indices.len()]), &device);
             Hits { rays: rays.select(&index), index, depth }
         });
-        let flags = |part: fn(&Sampled) -> bool| -> Tensor<1, Bool> {
-            let values: Vec<bool> = sampled.iter().map(part).collect();
-            Tensor::from_data(TensorData::new(values, [sampled.len()]), &device)
-        };
         March {
             hits,
-            hit: flags(|s| s.bracket.is_some()),
-            starts_inside: flags(|s| s.starts_inside),
+            fate: sampled.iter().map(Sampled::fate).collect(),
             densest_depth: floats(sampled.iter().map(|s| s.densest_depth).collect(), &device),
         }
     }

@@ -2,7 +2,7 @@
 
 use burn::tensor::{Device, IndexingUpdateOp, Int, Tensor, TensorData};
 use dvr_render::extract::FieldSurface;
-use dvr_render::{Field, Hits, March, MarchSettings, Query, Rays, Surface, axis_direction};
+use dvr_render::{Fate, Field, Hits, March, MarchSettings, Query, Rays, Surface, axis_direction};
 use rand::Rng;
 
 use crate::batch::PixelBatch;
@@ -247,18 +247,19 @@ struct Roles {
 }
 
 impl Roles {
-    /// Sorts the rays of a batch by what the march found: the one read-back of a step besides its statistics.
+    /// Sorts the rays of a batch by what the march found.
     fn sort(batch: &PixelBatch, march: Option<&March>) -> Self {
         let mut roles = Self::default();
         let mut starts_inside = vec![false; batch.len()];
         let mut hit_of_ray = vec![None; batch.len()];
         if let Some(march) = march {
-            for (inside, &ray) in march.starts_inside.clone().into_data().iter::<bool>().zip(&batch.searched) {
-                starts_inside[ray as usize] = inside;
-            }
-            let index = march.hits.as_ref().map(|hits| hits.index.clone().into_data());
-            for (hit, place) in index.iter().flat_map(|index| index.iter::<i64>()).enumerate() {
-                hit_of_ray[batch.searched[place as usize] as usize] = Some(hit as i64);
+            let mut hits = 0..;
+            for (fate, &ray) in march.fate.iter().zip(&batch.searched) {
+                match fate {
+                    Fate::Misses => {}
+                    Fate::Hits => hit_of_ray[ray as usize] = hits.next(),
+                    Fate::StartsInside => starts_inside[ray as usize] = true,
+                }
             }
         }
         let (mut intersection, mut union) = (0usize, 0usize);

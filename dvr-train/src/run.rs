@@ -17,7 +17,7 @@ use crate::method::Method;
 use crate::metrics_log::MetricsLog;
 use crate::resources::Resources;
 use crate::sparse::SparseTargets;
-use crate::trainer::{Trainer, ViewSplit};
+use crate::trainer::{READ_EVERY, Trainer, ViewSplit};
 use crate::validate::Agreement;
 use crate::warm_start::{carve_hull, hull_bound, warm_start};
 
@@ -187,7 +187,7 @@ pub struct Trained {
 }
 
 /// Steps between rows of `metrics.csv`.
-const LOG_EVERY: usize = 10;
+const LOG_EVERY: usize = READ_EVERY;
 
 /// Pixels that a validation during training looks at: with fewer, its noise would choose the best checkpoint.
 const VALIDATION_PIXELS: usize = 8192;

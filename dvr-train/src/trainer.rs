@@ -4,7 +4,7 @@ use burn::module::Module;
 use burn::optim::{AdamConfig, GradientsParams, ModuleOptimizer};
 use burn::tensor::{Device, Tensor};
 use dvr_core::{Scene, Split, UnitCube, View};
-use dvr_render::{Field, Rays, SkipGrid};
+use dvr_render::{Field, Rays, SkipGrid, is_gpu};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
@@ -53,9 +53,9 @@ impl<'a> ViewSplit<'a> {
 pub struct StepReport {
     /// The step, counted from 1.
     pub step: usize,
-    /// The loss.
+    /// The loss. On a GPU it is read back in every tenth step, and is that of the last of these otherwise.
     pub loss: f64,
-    /// Name and weighted value of each term.
+    /// Name and weighted value of each term, of the same step as `loss`.
     pub terms: Vec<(&'static str, f64)>,
     /// Intersection over union of mask and hits in this batch.
     pub mask_iou: f64,
@@ -66,24 +66,43 @@ pub struct StepReport {
 }
 
 impl StepReport {
-    /// Of a step whose loss is known, after so many steps.
+    /// Of a step whose loss is known, after so many steps; `last` is the report of the step before.
     ///
     /// # Errors
     /// When the loss is not finite.
-    pub(crate) fn of(loss: &StepLoss, config: &TrainConfig, steps_done: usize) -> Result<Self> {
-        let value = loss.total.clone().into_scalar::<f64>();
+    pub(crate) fn of(loss: &StepLoss, config: &TrainConfig, steps_done: usize, last: Option<&Self>) -> Result<Self> {
+        let step = steps_done + 1;
+        let (value, terms) = match last {
+            Some(last) if is_gpu(&loss.total.device()) && step % READ_EVERY != 0 && step != config.steps => {
+                (last.loss, last.terms.clone())
+            }
+            _ => read_losses(loss),
+        };
         if !value.is_finite() {
-            return Err(Error::Diverged { step: steps_done + 1, value });
+            return Err(Error::Diverged { step, value });
         }
         Ok(Self {
-            step: steps_done + 1,
+            step,
             loss: value,
-            terms: loss.terms.iter().map(|(name, term)| (*name, term.clone().into_scalar::<f64>())).collect(),
+            terms,
             mask_iou: loss.mask_iou,
             learning_rate: config.learning_rate_at(steps_done),
             samples: config.samples_at(steps_done),
         })
     }
+}
+
+/// On a GPU, the loss is read back once in so many steps: reading it makes the program wait for the device. The rows of `metrics.csv`
+/// are as far apart.
+pub(crate) const READ_EVERY: usize = 10;
+
+/// The loss and its terms, read back together.
+fn read_losses(loss: &StepLoss) -> (f64, Vec<(&'static str, f64)>) {
+    let terms = loss.terms.iter().map(|(_, term)| term);
+    let all: Vec<_> = std::iter::once(&loss.total).chain(terms).map(|value| value.clone().inner()).collect();
+    let mut values = Tensor::cat(all, 0).into_data().iter::<f64>().collect::<Vec<_>>().into_iter();
+    let total = values.next().unwrap_or(f64::NAN);
+    (total, loss.terms.iter().map(|(name, _)| *name).zip(values).collect())
 }
 
 /// A field in training.
@@ -96,6 +115,7 @@ pub struct Trainer<'a, F> {
     field: F,
     optimizer: ModuleOptimizer,
     step: usize,
+    last: Option<StepReport>,
 }
 
 /// The optimiser of the original: Adam with the usual moments.
@@ -114,7 +134,7 @@ impl<'a, F: Field + Module> Trainer<'a, F> {
     /// Takes a field on `device.autodiff()`; `device` itself is without autodiff.
     pub fn new(field: F, views: ViewSplit<'a>, config: TrainConfig, device: Device) -> Self {
         let sparse = SparseTargets::default();
-        Self { config, views, device, bound: None, sparse, field, optimizer: adam(), step: 0 }
+        Self { config, views, device, bound: None, sparse, field, optimizer: adam(), step: 0, last: None }
     }
 
     /// Searches rays only where the object can be (see [`PixelBatch::draw`]).
@@ -159,7 +179,8 @@ impl<'a, F: Field + Module> Trainer<'a, F> {
     /// All randomness comes from the seed and the step's number: a resumed run draws what an unbroken one would.
     ///
     /// # Errors
-    /// When the loss is not finite. The field is then left as it was before the step.
+    /// When the loss is not finite. The field is then left as it was before the step; on a GPU, where the loss is not read in every
+    /// step, as the steps since the last reading have left it.
     pub fn step(&mut self) -> Result<StepReport> {
         let config = &self.config;
         let mut rng = step_rng(config.seed, self.step as u64 + 1);
@@ -172,12 +193,13 @@ impl<'a, F: Field + Module> Trainer<'a, F> {
             loss.terms.push(("sparse_depth", sparse));
         }
 
-        let report = StepReport::of(&loss, config, self.step)?;
+        let report = StepReport::of(&loss, config, self.step, self.last.as_ref())?;
         if !loss.terms.is_empty() {
             let gradients = GradientsParams::from_grads(loss.total.backward(), &self.field);
             self.field = self.optimizer.step(report.learning_rate, self.field.clone(), gradients);
         }
         self.step += 1;
+        self.last = Some(report.clone());
         Ok(report)
     }
 
@@ -199,6 +221,6 @@ impl<'a, F: Field + Module> Trainer<'a, F> {
 
     /// Takes up a field and an optimiser as they were after so many steps.
     pub fn restore(&mut self, field: F, optimizer: ModuleOptimizer, steps: usize) {
-        (self.field, self.optimizer, self.step) = (field, optimizer, steps);
+        (self.field, self.optimizer, self.step, self.last) = (field, optimizer, steps, None);
     }
 }

@@ -134,3 +134,18 @@ pub fn double_precision_devices() -> Vec<(&'static str, Device)> {
     });
     devices()
 }
+
+/// The graphics processor that the suites run on, or `None` (with a line of output) where no driver offers one. A software
+/// adapter will do.
+pub fn graphics_processor() -> Option<Device> {
+    match dvr_gpu::open(0) {
+        Ok(gpu) => {
+            println!("on {} ({}, {})", gpu.adapter.name, gpu.adapter.kind, gpu.adapter.api);
+            Some(gpu.device)
+        }
+        Err(problem) => {
+            println!("skipped: {problem}");
+            None
+        }
+    }
+}

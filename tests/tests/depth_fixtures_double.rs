@@ -4,7 +4,9 @@ use burn::module::{Module, ModuleVisitor, Param};
 use burn::tensor::{Device, FloatDType, Int, Tensor, TensorData};
 use dvr_core::{Ray, UnitCube};
 use dvr_model::Decoder;
-use dvr_render::{Field, MarchSettings, Marcher, Query, Rays, RootMethod, SlopeRule, TensorMarcher, implicit_depth};
+use dvr_render::{
+    Fate, Field, MarchSettings, Marcher, Query, Rays, RootMethod, SlopeRule, TensorMarcher, implicit_depth,
+};
 use dvr_tests::*;
 
 /// Kinds of rays in the fixtures.
@@ -105,7 +107,7 @@ impl Case {
         for (ray, value) in index.into_iter().zip(numbers(hits.depth)) {
             depth[ray as usize] = Some(value);
         }
-        (depth, march.starts_inside.into_data().iter::<bool>().collect())
+        (depth, march.fate.iter().map(|&fate| fate == Fate::StartsInside).collect())
     }
 
     /// First crossing by brute force: 2000 samples, then bisection, one ray at a time.

@@ -14,7 +14,7 @@ mod values;
 
 use clap::{Args, Parser, Subcommand};
 
-use crate::backend::Backend;
+use crate::backend::{self, Backend};
 
 pub use bench::{BenchArgs, Variant};
 pub use eval::{Baseline, EvalArgs, SplitArg};
@@ -67,13 +67,14 @@ pub enum Command {
     Import(ImportArgs),
     /// Make a mesh of the object in a single picture, with a run that has learned many objects
     Predict(PredictArgs),
+    /// List the processors that --backend can choose
+    Devices,
 }
 
 /// Where the computation runs.
 #[derive(Args, Clone, Copy, Debug)]
 pub struct BackendArg {
-    /// Where to compute
-    #[arg(long, value_enum, default_value_t = Backend::Cpu)]
+    #[arg(long, value_name = "BACKEND", default_value_t = Backend::Cpu, help = backend::HELP)]
     pub backend: Backend,
 }
 

@@ -81,7 +81,7 @@ fn of_mesh(args: &EvalArgs, mesh: &Path) -> Result<Report> {
 
 fn of_run(args: &EvalArgs, checkpoint: &Checkpoint) -> Result<Report> {
     let scene: Scene = scene_of_run(checkpoint, args.data.as_ref())?;
-    let model = Model::load(checkpoint, &args.backend.backend.device())?;
+    let model = Model::load(checkpoint, &args.backend.backend.device_for(&checkpoint.header.method)?)?;
     let split = ViewSplit::new(&scene, checkpoint.header.method.hold_out_every())?;
     let seeds = surface_points(model.thorough_shader().as_ref(), &split.train, 2_000);
     let mesh = match object_mesh(&model, &mesh_options(&args.meshing, SCENE_RESOLUTION), &seeds, &[]) {

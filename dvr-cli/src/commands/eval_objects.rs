@@ -24,7 +24,7 @@ pub const OBJECT_RESOLUTION: u32 = 128;
 
 /// Measures a run.
 pub fn of_run(args: &EvalArgs, run: &Path, checkpoint: &Checkpoint) -> Result<ExitCode> {
-    let model = ObjectModel::load(checkpoint, &args.backend.backend.device())?;
+    let model = ObjectModel::load(checkpoint, &args.backend.backend.device_for(&checkpoint.header.method)?)?;
     let root = args.data.as_ref().unwrap_or(&checkpoint.header.scene);
     let mut options = options_of_run(checkpoint)?;
     let given = &args.objects.reading;

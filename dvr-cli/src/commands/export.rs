@@ -13,7 +13,7 @@ use crate::backend::Backend;
 /// Writes safetensors with PyTorch names and layout.
 pub fn run(args: &ExportArgs) -> Result<ExitCode> {
     let checkpoint = load_run(&args.run)?;
-    let device = Backend::Cpu.device();
+    let device = Backend::Cpu.device()?;
     match &checkpoint.header.method {
         Method::Objects(config) => {
             let model = ObjectModel::load(&checkpoint, &device)?;

@@ -16,7 +16,7 @@ use crate::backend::Backend;
 
 /// Reads, translates, writes.
 pub fn run(args: &ImportArgs) -> Result<ExitCode> {
-    let device = Backend::Cpu.device();
+    let device = Backend::Cpu.device()?;
     let config = args.yaml.as_deref().map(OriginalConfig::read).transpose()?;
     let leaky = args.leaky || config.as_ref().is_some_and(|config| config.train.model.leaky);
     let file = || args.file.display().to_string();

@@ -15,7 +15,8 @@ const SEED_RAYS: usize = 2_000;
 /// Extracts and writes.
 pub fn run(args: &MeshArgs) -> Result<ExitCode> {
     let checkpoint = load_run(&args.run)?;
-    let model = load_model(&checkpoint, args.object, &args.backend.backend.device())?;
+    let device = args.backend.backend.device_for(&checkpoint.header.method)?;
+    let model = load_model(&checkpoint, args.object, &device)?;
     // The scene helps to find thin parts and gives sharp colours; a run can be meshed without it.
     // What knows many objects was trained on many folders, and what was imported may know of none.
     let has_scene = !matches!(checkpoint.header.method, Method::Objects(_))

@@ -1,6 +1,7 @@
 //! The commands: each reads its arguments, calls the library and prints.
 
 pub mod bench;
+pub mod devices;
 pub mod eval;
 mod eval_objects;
 pub mod export;

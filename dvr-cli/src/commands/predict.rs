@@ -41,7 +41,7 @@ impl Task {
 /// Predicts every picture; one that cannot be used is told of and left out.
 pub fn run(args: &PredictArgs) -> Result<ExitCode> {
     let checkpoint = load_run(&args.run)?;
-    let model = ObjectModel::load(&checkpoint, &args.backend.backend.device())?;
+    let model = ObjectModel::load(&checkpoint, &args.backend.backend.device()?)?;
     let size = model.picture_size()?;
     let tasks = tasks(args)?;
     let masks = args.masks.as_deref().map(masks_by_stem).transpose()?;

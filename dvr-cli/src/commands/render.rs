@@ -23,7 +23,8 @@ const FRAMES_A_SECOND: u32 = 18;
 /// Renders and writes.
 pub fn run(args: &RenderArgs) -> Result<ExitCode> {
     let checkpoint = load_run(&args.run)?;
-    let model = load_model(&checkpoint, args.object, &args.backend.backend.device())?;
+    let device = args.backend.backend.device_for(&checkpoint.header.method)?;
+    let model = load_model(&checkpoint, args.object, &device)?;
     let object_to_world = checkpoint.header.object_to_world;
     let needs_scene = args.cameras == Cameras::Dataset || (args.up.is_none() && args.cameras == Cameras::Orbit);
     let scene = if needs_scene { Some(scene_of_run(&checkpoint, args.data.as_ref())) } else { None };

@@ -5,6 +5,7 @@ use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::{Context, Result, bail};
+use burn::tensor::Device;
 use cpu_time::ProcessTime;
 use dvr_core::dataset::{Format, is_object_dataset, read_scene};
 use dvr_core::{Scene, Split};
@@ -49,6 +50,7 @@ pub fn run(args: &TrainArgs) -> Result<ExitCode> {
 
 /// Trains, then writes mesh, preview and figures.
 fn train_scene(args: &TrainArgs, folder: &RunFolder, config: Method, resumed: Option<&Checkpoint>) -> Result<ExitCode> {
+    let device = args.backend.backend.device_for(&config)?;
     let (scene, reading) = match resumed {
         Some(checkpoint) => (scene_of_run(checkpoint, args.scene.as_ref())?, checkpoint.header.reading.clone()),
         None => {
@@ -60,8 +62,7 @@ fn train_scene(args: &TrainArgs, folder: &RunFolder, config: Method, resumed: Op
     check_supervision(&scene, &config)?;
     describe(&scene, &config)?;
     prepare(folder, args, &config)?;
-    let device = args.backend.backend.device();
-    let options = run_options(args, folder, reading)?;
+    let options = run_options(args, folder, reading, device.clone())?;
     let mut progress = Progress::new();
     let cpu = ProcessTime::now();
     let trained = train(&scene, config, resumed, &options, &mut progress)?;
@@ -95,15 +96,10 @@ pub(super) fn run_options(
     args: &TrainArgs,
     folder: &RunFolder,
     reading: serde_json::Value,
+    device: Device,
 ) -> Result<RunOptions<'static>> {
     interrupt_on_ctrl_c()?;
-    Ok(RunOptions {
-        folder: folder.clone(),
-        device: args.backend.backend.device(),
-        reading,
-        time_limit: args.time,
-        interrupted: &INTERRUPTED,
-    })
+    Ok(RunOptions { folder: folder.clone(), device, reading, time_limit: args.time, interrupted: &INTERRUPTED })
 }
 
 /// What to say, and to exit with, after Ctrl-C.

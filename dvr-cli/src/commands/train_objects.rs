@@ -24,6 +24,7 @@ pub fn run(
     config: ObjectsConfig,
     resumed: Option<&Checkpoint>,
 ) -> Result<ExitCode> {
+    let device = args.backend.backend.device()?;
     let (root, options) = match resumed {
         Some(checkpoint) => {
             let path = args.scene.clone().unwrap_or_else(|| checkpoint.header.scene.clone());
@@ -38,7 +39,7 @@ pub fn run(
     let dataset = Arc::new(ObjectDataset::open(&root, options.clone())?);
     describe(&dataset, &config);
     prepare(folder, args, &Method::Objects(config.clone()))?;
-    let options = run_options(args, folder, serde_json::to_value(options)?)?;
+    let options = run_options(args, folder, serde_json::to_value(options)?, device)?;
     let mut progress = Progress::new();
     let cpu = ProcessTime::now();
     let result = train_objects(&dataset, config, resumed, &options, &mut progress)?;

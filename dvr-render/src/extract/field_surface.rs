@@ -2,18 +2,18 @@
 
 use burn::tensor::{Tensor, TensorData};
 use glam::Vec3;
-use rayon::prelude::*;
 
 use super::ScalarField;
+use crate::chunks::{in_parallel, points_at_once};
 use crate::field::{Field, Query, Snapshot};
 use crate::march::{MarchSettings, Marcher, TensorMarcher};
 use crate::snapshot_march::SnapshotMarcher;
 
-/// Points evaluated at once by a thread: small enough for the activations to stay in cache.
+/// Points evaluated at once by a thread of a CPU: small enough for the activations to stay in cache.
 const CHUNK: usize = 4096;
 
 /// A [`Field`] without gradient tracking, seen as a [`ScalarField`] and marched: through its snapshots where it has any,
-/// through tensors otherwise.
+/// on its device otherwise.
 pub struct FieldSurface<F> {
     field: F,
     snapshots: Vec<Snapshot>,
@@ -31,25 +31,31 @@ impl<F: Field> FieldSurface<F> {
         &self.field
     }
 
+    /// Whether the field is asked through tensors, on its own device, since it has no snapshots.
+    pub(crate) fn asks_tensors(&self) -> bool {
+        self.snapshots.is_empty()
+    }
+
     /// The fastest marcher that the field has.
     pub fn marcher(&self, settings: MarchSettings) -> Box<dyn Marcher + '_> {
-        if self.snapshots.is_empty() {
-            Box::new(TensorMarcher::new(&self.field, settings))
-        } else {
+        if !self.asks_tensors() {
             Box::new(SnapshotMarcher::new(&self.snapshots, settings))
+        } else if let Some(marcher) = self.field.device_marcher(settings) {
+            marcher
+        } else {
+            Box::new(TensorMarcher::new(&self.field, settings))
         }
     }
 
-    /// Evaluates chunks in parallel; the results stand in the order of the points, whatever the threads do.
-    fn in_parallel<T: Send>(&self, points: &[Vec3], evaluate: impl Fn(&Query) -> Vec<T> + Sync) -> Vec<T> {
-        points
-            .par_chunks(CHUNK)
-            .flat_map_iter(|chunk| {
-                let flat: Vec<f32> = chunk.iter().flat_map(|p| p.to_array()).collect();
-                let tensor = Tensor::from_data(TensorData::new(flat, [chunk.len(), 3]), &self.field.device());
-                evaluate(&Query::new(tensor))
-            })
-            .collect()
+    /// Evaluates chunks; the results stand in the order of the points, whatever the threads do.
+    fn in_chunks<T: Send>(&self, points: &[Vec3], evaluate: impl Fn(&Query) -> Vec<T> + Sync) -> Vec<T> {
+        let device = self.field.device();
+        let jobs = points.chunks(points_at_once(&device, CHUNK)).collect();
+        let parts = in_parallel(&device, jobs, |chunk: &[Vec3]| {
+            let flat: Vec<f32> = chunk.iter().flat_map(|p| p.to_array()).collect();
+            evaluate(&Query::new(Tensor::from_data(TensorData::new(flat, [chunk.len(), 3]), &device)))
+        });
+        parts.into_iter().flatten().collect()
     }
 }
 
@@ -64,7 +70,7 @@ impl<F: Field> ScalarField for FieldSurface<F> {
         if let Some(snapshot) = self.snapshots.first() {
             return snapshot.logits(points);
         }
-        self.in_parallel(points, |query| self.field.occupancy_logit(query).into_data().iter::<f32>().collect())
+        self.in_chunks(points, |query| self.field.occupancy_logit(query).into_data().iter::<f32>().collect())
     }
 
     fn gradients(&self, points: &[Vec3]) -> Option<Vec<Vec3>> {
@@ -72,13 +78,13 @@ impl<F: Field> ScalarField for FieldSurface<F> {
             return snapshot.gradients(points);
         }
         let rows = |query: &Query| triples(self.field.occupancy_gradient(query)).into_iter().map(Vec3::from).collect();
-        Some(self.in_parallel(points, rows))
+        Some(self.in_chunks(points, rows))
     }
 
     fn colors(&self, points: &[Vec3], normals: &[Vec3]) -> Option<Vec<[f32; 3]>> {
         if let Some(snapshot) = self.snapshots.first() {
             return snapshot.colors(points, normals);
         }
-        Some(self.in_parallel(points, |query| triples(self.field.evaluate(query).color)))
+        Some(self.in_chunks(points, |query| triples(self.field.evaluate(query).color)))
     }
 }

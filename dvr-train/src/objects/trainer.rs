@@ -41,6 +41,7 @@ pub struct ObjectsTrainer {
     model: ImageModel,
     optimizer: ModuleOptimizer,
     step: usize,
+    last: Option<StepReport>,
 }
 
 impl ObjectsTrainer {
@@ -68,6 +69,7 @@ impl ObjectsTrainer {
             model,
             optimizer: adam(),
             step: 0,
+            last: None,
         })
     }
 
@@ -154,12 +156,13 @@ impl Learner for ObjectsTrainer {
         let frozen = self.model.decoder.valid().with_codes(codes.clone().inner());
         let loss = self.loss(&self.model.field(codes), &frozen, batch.lesson);
 
-        let report = StepReport::of(&loss, &self.config.train, self.step)?;
+        let report = StepReport::of(&loss, &self.config.train, self.step, self.last.as_ref())?;
         if !loss.terms.is_empty() {
             let gradients = GradientsParams::from_grads(loss.total.backward(), &self.model);
             self.model = self.optimizer.step(report.learning_rate, self.model.clone(), gradients);
         }
         self.step += 1;
+        self.last = Some(report.clone());
         Ok(report)
     }
 
@@ -182,7 +185,7 @@ impl Learner for ObjectsTrainer {
     fn resume(&mut self, state: &LearnerState, steps: usize) -> Result<()> {
         self.model = restore_module(&state.model, self.model.clone())?;
         self.optimizer = restore_optimizer(&state.training, self.optimizer.clone())?;
-        (self.step, self.loader) = (steps, None);
+        (self.step, self.loader, self.last) = (steps, None, None);
         Ok(())
     }
 

@@ -1,0 +1,112 @@
+//! Graphics processors: opening one, and what to say when it fails.
+
+use std::any::Any;
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind, set_hook};
+use std::process::ExitCode;
+use std::sync::{Mutex, Once, PoisonError};
+
+use anyhow::{Result, anyhow};
+use burn::tensor::Device;
+use dvr_gpu::{Adapter, AdapterKind, Gpu};
+
+/// What to do instead, where a graphics processor cannot be used.
+const REMEDY: &str = "--backend cpu does without";
+
+/// The device that was opened, for messages.
+static OPEN: Mutex<Option<String>> = Mutex::new(None);
+
+/// Where the first panic since then happened, and why.
+static FIRST_PANIC: Mutex<Option<String>> = Mutex::new(None);
+
+/// Opens one of the graphics processors that `dvr devices` lists, and warns if it is none.
+pub fn open(index: usize) -> Result<Device> {
+    let Gpu { device, adapter } = dvr_gpu::open(index).map_err(|e| anyhow!("{e}; {REMEDY}"))?;
+    static SAID: Once = Once::new();
+    SAID.call_once(|| {
+        eprintln!("computing on gpu:{index}, {} ({})", adapter.name, adapter.api);
+        if adapter.kind == AdapterKind::Software {
+            eprintln!(
+                "warning: this is no graphics processor but a program that plays one, and far slower than --backend cpu"
+            );
+        }
+        keep_panics(format!("gpu:{index} ({})", adapter.name));
+    });
+    Ok(device)
+}
+
+/// Opens an NVIDIA card through CUDA.
+#[cfg(feature = "cuda")]
+pub fn open_cuda(index: usize) -> Result<Device> {
+    let device = dvr_gpu::open_cuda(index).map_err(|e| anyhow!("{e}; {REMEDY}"))?;
+    static SAID: Once = Once::new();
+    SAID.call_once(|| keep_panics(format!("cuda:{index}")));
+    Ok(device)
+}
+
+/// One adapter as a line for people.
+pub fn describe(adapter: &Adapter) -> String {
+    let driver = if adapter.driver.is_empty() { String::new() } else { format!(", driver {}", adapter.driver) };
+    let kind = match adapter.kind {
+        AdapterKind::Software => "software adapter, for tests".to_owned(),
+        kind => format!("{kind} GPU"),
+    };
+    let mebibytes = adapter.max_buffer_bytes >> 20;
+    format!(
+        "gpu:{:<3} {} ({kind}, {}{driver}; at most {mebibytes} MiB a tensor, {} KiB of memory a group)",
+        adapter.index,
+        adapter.name,
+        adapter.api,
+        adapter.shared_memory_bytes >> 10,
+    )
+}
+
+/// From here on, a panic is kept for [`guarded`] instead of being printed with its trace: a device that is lost or full tells so by
+/// a panic wherever its numbers are read next.
+fn keep_panics(device: String) {
+    *OPEN.lock().unwrap_or_else(PoisonError::into_inner) = Some(device);
+    set_hook(Box::new(|panic| {
+        let place = panic.location().map(|place| format!(" ({}:{})", place.file(), place.line())).unwrap_or_default();
+        let mut first = FIRST_PANIC.lock().unwrap_or_else(PoisonError::into_inner);
+        first.get_or_insert_with(|| format!("{}{place}", message(panic.payload())));
+    }));
+}
+
+/// What a panic says, on one line.
+fn message(payload: &(dyn Any + Send)) -> String {
+    let text = match (payload.downcast_ref::<String>(), payload.downcast_ref::<&str>()) {
+        (Some(text), _) => text.as_str(),
+        (None, Some(text)) => text,
+        (None, None) => "for no stated reason",
+    };
+    text.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+/// Runs a command. If a device was opened and fails in the middle of it, that is an error like any other.
+pub fn guarded(command: impl FnOnce() -> Result<ExitCode>) -> Result<ExitCode> {
+    let payload = match catch_unwind(AssertUnwindSafe(command)) {
+        Ok(result) => return result,
+        Err(payload) => payload,
+    };
+    let Some(device) = OPEN.lock().unwrap_or_else(PoisonError::into_inner).take() else { resume_unwind(payload) };
+    let first = FIRST_PANIC.lock().unwrap_or_else(PoisonError::into_inner).take();
+    let problem = first.unwrap_or_else(|| message(payload.as_ref()));
+    Err(anyhow!("{}", failure(&device, &problem)))
+}
+
+/// What to say of a device that failed with a message.
+fn failure(device: &str, problem: &str) -> String {
+    let lower = problem.to_lowercase();
+    let what = if ["out of memory", "outofmemory", "buffer too big", "buffertoobig", "exceeds the max"]
+        .iter()
+        .any(|sign| lower.contains(sign))
+    {
+        "has not enough memory for this: fewer rays a step (--set rays=N) need less"
+    } else if ["device lost", "device is lost", "parent device", "poisoned"].iter().any(|sign| lower.contains(sign)) {
+        "was lost: it was reset, removed, or took longer for a kernel than its driver allows"
+    } else {
+        "failed"
+    };
+    format!(
+        "{device} {what}. The last checkpoint of a training is kept, and --resume goes on from it; {REMEDY}. It said: {problem}"
+    )
+}

@@ -1,0 +1,88 @@
+//! `--backend gpu` from end to end, and what is said where it cannot be had.
+#![cfg(feature = "gpu")]
+
+mod support;
+
+use std::process::{Command, Output};
+
+use support::{Tiny, dvr, refuses, succeeds, text};
+
+/// Runs the binary where no Vulkan driver is to be found.
+fn without_driver(args: &[&str]) -> Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_dvr"));
+    command.args(args).env("VK_DRIVER_FILES", "/nowhere").env("VK_ICD_FILENAMES", "/nowhere");
+    command.output().unwrap()
+}
+
+/// Whether there is an adapter, be it a software one; says so if not.
+fn has_adapter() -> bool {
+    let found = !dvr_gpu::adapters().is_empty();
+    if !found {
+        println!("skipped: no driver offers a graphics processor");
+    }
+    found
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn without_a_driver_the_cpu_is_listed_and_the_gpu_refused_with_a_hint() {
+    let listed = succeeds(&without_driver(&["devices"]));
+    assert!(listed.starts_with("cpu") && !listed.contains("gpu:"), "{listed}");
+    let tiny = Tiny::new();
+    let (scene, out) = (tiny.scene(), tiny.path("refused"));
+    let train = ["train", text(&scene), "--out", text(&out), "--method", "network", "--backend", "gpu"];
+    let refused = without_driver(&train);
+    refuses(&refused, &["no graphics processor was found", "--backend cpu"]);
+    assert!(!out.exists(), "nothing half-written");
+}
+
+#[test]
+fn a_number_that_no_adapter_has_is_refused() {
+    let tiny = Tiny::new();
+    succeeds(&tiny.train("run", &["--steps", "2"]));
+    let run = tiny.path("run");
+    let mesh = tiny.path("mesh.ply");
+    refuses(&dvr(&["mesh", text(&run), "--out", text(&mesh), "--backend", "gpu:77"]), &["--backend cpu"]);
+    refuses(&dvr(&["mesh", text(&run), "--out", text(&mesh), "--backend", "gpu:one"]), &["dvr devices"]);
+}
+
+#[test]
+fn the_whole_job_runs_on_a_graphics_processor() {
+    if !has_adapter() {
+        return;
+    }
+    let listed = succeeds(&dvr(&["devices"]));
+    assert!(listed.contains("gpu:0"), "{listed}");
+    let tiny = Tiny::new();
+    let trained = tiny.train("run", &["--backend", "gpu", "--set", "model.blocks=2"]);
+    let report = succeeds(&trained);
+    assert!(report.contains("mesh:"), "{report}");
+    let said = String::from_utf8_lossy(&trained.stderr);
+    assert!(said.contains("computing on gpu:0"), "{said}");
+    // What was trained there can be used here, and the other way round.
+    let (run, mesh) = (tiny.path("run"), tiny.path("mesh.ply"));
+    succeeds(&dvr(&["mesh", text(&run), "--out", text(&mesh), "--resolution", "16"]));
+    let figures = succeeds(&dvr(&["eval", text(&run), "--backend", "gpu", "--resolution", "16"]));
+    assert!(figures.contains("PSNR"), "{figures}");
+}
+
+#[test]
+fn a_field_on_lattices_says_that_it_stays_on_the_cpu() {
+    let tiny = Tiny::new();
+    let (scene, out) = (tiny.scene(), tiny.path("hull"));
+    let output = dvr(&[
+        "train",
+        text(&scene),
+        "--out",
+        text(&out),
+        "--method",
+        "hull",
+        "--resolution",
+        "32",
+        "--backend",
+        "gpu",
+    ]);
+    succeeds(&output);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(said.contains("computed on the CPU"), "{said}");
+}

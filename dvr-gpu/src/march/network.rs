@@ -1,0 +1,191 @@
+//! The residual decoder inside a kernel: all units of a group push a tile of points through its layers together.
+//!
+//! A unit owns some columns of each layer, and keeps what they have become in registers; the group's shared memory holds what
+//! all units must see: the layer's inputs. Each weight is read once a tile, and serves all its points.
+
+// What `#[cube]` generates beside each function has no documentation.
+#![allow(missing_docs)]
+
+use cubecl::prelude::*;
+
+use super::plan::DecoderShape;
+
+/// Numbers a ray in the kernels' table of rays: origin, direction, entry, exit, jitter, object.
+pub(super) const RAY_COLUMNS: usize = 10;
+
+/// What a group of units shares while it evaluates a tile of points.
+#[derive(CubeType)]
+pub(super) struct Tile {
+    /// The points, `[3][slots]`.
+    pub points: Shared<[f32]>,
+    /// The object of each point, `[slots]`.
+    pub objects: Shared<[u32]>,
+    /// The inputs of the layer in work, `[inputs][slots]`.
+    pub inputs: Shared<[f32]>,
+    /// The answer: occupancy logits, `[slots]`.
+    pub logits: Shared<[f32]>,
+}
+
+#[cube]
+impl Tile {
+    /// Room for one tile. To be called once a kernel, by all units.
+    pub fn new(#[comptime] shape: DecoderShape) -> Tile {
+        Tile {
+            points: Shared::new_slice(comptime!(3 * shape.slots)),
+            objects: Shared::new_slice(comptime!(shape.slots)),
+            inputs: Shared::new_slice(comptime!(shape.widest() * shape.slots)),
+            logits: Shared::new_slice(comptime!(shape.slots)),
+        }
+    }
+}
+
+/// Occupancy logits of the tile's points; `leak` is the slope of the last activation for negative values.
+///
+/// All units call it together; each finds all logits when it returns.
+#[cube]
+pub(super) fn evaluate(
+    tile: &mut Tile,
+    weights: &[f32],
+    conditions: &[f32],
+    objects: u32,
+    leak: f32,
+    #[comptime] shape: DecoderShape,
+) {
+    let slots = comptime!(shape.slots);
+    let hidden = comptime!(shape.hidden);
+    let columns = comptime!(shape.columns());
+    encode(tile, shape);
+    sync_cube();
+    let mut net = Array::<f32>::new(comptime!(columns * slots));
+    let mut inner = Array::<f32>::new(comptime!(columns * slots));
+    linear(&tile.inputs, weights, 0usize, &mut net, comptime!(shape.features()), shape);
+    sync_cube();
+
+    let first_block = comptime!((shape.features() + 1) * hidden);
+    let layer = comptime!((hidden + 1) * hidden);
+    for block in 0..comptime!(shape.blocks) {
+        if comptime!(shape.conditioned) {
+            add_condition(tile, conditions, block * objects as usize, &mut net, shape);
+        }
+        rectify(&net, &mut tile.inputs, 0.0f32, shape);
+        sync_cube();
+        let at = first_block + 2 * block * layer;
+        linear(&tile.inputs, weights, at, &mut inner, hidden, shape);
+        sync_cube();
+        rectify(&inner, &mut tile.inputs, 0.0f32, shape);
+        sync_cube();
+        linear(&tile.inputs, weights, at + layer, &mut inner, hidden, shape);
+        sync_cube();
+        #[unroll]
+        for i in 0..comptime!(columns * slots) {
+            net[i] += inner[i];
+        }
+    }
+    rectify(&net, &mut tile.inputs, leak, shape);
+    sync_cube();
+
+    // The output layer has one column here: a unit a point adds it up.
+    let slot = UNIT_POS as usize;
+    if slot < slots {
+        let at = first_block + 2 * comptime!(shape.blocks) * layer;
+        let mut logit = weights[at + hidden];
+        for k in 0..hidden {
+            logit += tile.inputs[k * slots + slot] * weights[at + k];
+        }
+        tile.logits[slot] = logit;
+    }
+    sync_cube();
+}
+
+/// `[p, sin(2^k pi p), cos(2^k pi p)]` of each point, into the tile's inputs.
+#[cube]
+fn encode(tile: &mut Tile, #[comptime] shape: DecoderShape) {
+    let slots = comptime!(shape.slots);
+    let count = comptime!(shape.features() * slots);
+    let mut i = UNIT_POS as usize;
+    while i < count {
+        let feature = i / slots;
+        let slot = i % slots;
+        let coordinate = tile.points[feature % 3 * slots + slot];
+        let mut value = coordinate;
+        if feature >= 3 {
+            let wave = feature / 3 - 1;
+            let phase = coordinate * (std::f32::consts::PI * f32::cast_from(1u32 << (wave as u32 / 2u32)));
+            value = if wave % 2 == 0 { phase.sin() } else { phase.cos() };
+        }
+        tile.inputs[feature * slots + slot] = value;
+        i += CUBE_DIM as usize;
+    }
+}
+
+/// A layer: `outputs = inputs W + b` for the unit's columns, with `W [count, hidden]` and `b [hidden]` after it, from `at` on.
+#[cube]
+fn linear(
+    inputs: &Shared<[f32]>,
+    weights: &[f32],
+    at: usize,
+    outputs: &mut Array<f32>,
+    #[comptime] count: usize,
+    #[comptime] shape: DecoderShape,
+) {
+    let slots = comptime!(shape.slots);
+    let hidden = comptime!(shape.hidden);
+    #[unroll]
+    for c in 0..comptime!(shape.columns()) {
+        let column = UNIT_POS as usize + c * comptime!(shape.units);
+        if column < hidden {
+            let bias = weights[at + count * hidden + column];
+            #[unroll]
+            for s in 0..slots {
+                outputs[c * slots + s] = bias;
+            }
+            for k in 0..count {
+                let weight = weights[at + k * hidden + column];
+                #[unroll]
+                for s in 0..slots {
+                    outputs[c * slots + s] += weight * inputs[k * slots + s];
+                }
+            }
+        }
+    }
+}
+
+/// The unit's columns after a (leaky) ReLU, for all units to see.
+#[cube]
+fn rectify(values: &Array<f32>, inputs: &mut Shared<[f32]>, leak: f32, #[comptime] shape: DecoderShape) {
+    let slots = comptime!(shape.slots);
+    #[unroll]
+    for c in 0..comptime!(shape.columns()) {
+        let column = UNIT_POS as usize + c * comptime!(shape.units);
+        if column < comptime!(shape.hidden) {
+            #[unroll]
+            for s in 0..slots {
+                let value = values[c * slots + s];
+                inputs[column * slots + s] = select(value > 0.0f32, value, value * leak);
+            }
+        }
+    }
+}
+
+/// Adds what a block is given of each point's code: row `first + object` of `conditions [blocks * objects, hidden]`.
+#[cube]
+fn add_condition(
+    tile: &mut Tile,
+    conditions: &[f32],
+    first: usize,
+    net: &mut Array<f32>,
+    #[comptime] shape: DecoderShape,
+) {
+    let slots = comptime!(shape.slots);
+    let hidden = comptime!(shape.hidden);
+    #[unroll]
+    for c in 0..comptime!(shape.columns()) {
+        let column = UNIT_POS as usize + c * comptime!(shape.units);
+        if column < hidden {
+            #[unroll]
+            for s in 0..slots {
+                net[c * slots + s] += conditions[(first + tile.objects[s] as usize) * hidden + column];
+            }
+        }
+    }
+}

@@ -1,0 +1,89 @@
+//! Opening a graphics processor, with an error where that fails instead of a panic at the first tensor.
+
+use std::sync::{Mutex, PoisonError};
+
+use burn::backend::DispatchDevice;
+use burn::tensor::Device;
+use cubecl::client::Client;
+use cubecl::wgpu::{AutoGraphicsApi, RuntimeOptions, try_init_setup};
+
+use crate::adapter::{Adapter, adapters};
+
+/// An open graphics processor.
+#[derive(Clone, Debug)]
+pub struct Gpu {
+    /// The device for tensors, without autodiff.
+    pub device: Device,
+    /// What it is.
+    pub adapter: Adapter,
+}
+
+/// Why no graphics processor could be opened.
+#[derive(Debug, thiserror::Error)]
+pub enum GpuError {
+    /// There is none, or no driver for it.
+    #[error("no graphics processor was found: no Vulkan, Metal or DirectX 12 driver offers one")]
+    NoAdapter,
+    /// There are some, but not as many.
+    #[error("there is no gpu:{index}: {count} found, counted from 0; `dvr devices` lists them")]
+    NoSuchAdapter {
+        /// The one that was asked for.
+        index: usize,
+        /// How many there are.
+        count: usize,
+    },
+    /// The driver refuses.
+    #[error("gpu:{index} ({name}) cannot be opened: {problem}")]
+    Refused {
+        /// The one that was asked for.
+        index: usize,
+        /// Its name.
+        name: String,
+        /// What the driver says.
+        problem: String,
+    },
+}
+
+/// Opens one of [`adapters`]. One that is open already is handed out again.
+///
+/// # Errors
+/// When there is none with this index, or the driver refuses to open it.
+pub fn open(index: usize) -> Result<Gpu, GpuError> {
+    static OPEN: Mutex<Vec<usize>> = Mutex::new(Vec::new());
+    let count = adapters().len();
+    let adapter = match adapters().get(index) {
+        Some(adapter) => adapter.clone(),
+        None if count == 0 => return Err(GpuError::NoAdapter),
+        None => return Err(GpuError::NoSuchAdapter { index, count }),
+    };
+    let refused = |problem: String| GpuError::Refused { index, name: adapter.name.clone(), problem };
+    let mut open = OPEN.lock().unwrap_or_else(PoisonError::into_inner);
+    if !open.contains(&index) {
+        let options = RuntimeOptions::try_default().map_err(|e| refused(e.to_string()))?;
+        try_init_setup::<AutoGraphicsApi>(&adapter.selector, options).map_err(|e| refused(e.to_string()))?;
+        open.push(index);
+    }
+    Ok(Gpu { device: Device::from(adapter.selector.clone()), adapter })
+}
+
+/// What talks to a graphics processor; `None` where the device is none.
+pub(crate) fn client(device: &Device) -> Option<Client> {
+    match device.clone().inner().as_dispatch() {
+        DispatchDevice::Cube(device) => Some(device.client()),
+        _ => None,
+    }
+}
+
+/// Whether tensors of this device, with or without autodiff, lie on a graphics processor.
+pub fn is_gpu(device: &Device) -> bool {
+    matches!(device.clone().inner().as_dispatch(), DispatchDevice::Cube(_))
+}
+
+/// How many points a network is best asked at at once on this device; `None` where it is no graphics processor.
+///
+/// Enough to keep it busy, and few enough that no buffer comes near the largest that it can take, or that of a small card's memory: at
+/// 512 numbers a point, the widest layer in use, a layer takes 128 MiB or an eighth of the largest buffer.
+pub fn points_at_once(device: &Device) -> Option<usize> {
+    let largest = client(device)?.properties().memory.max_page_size;
+    Some(usize::try_from(largest / (8 * 4 * 512)).unwrap_or(usize::MAX).clamp(1 << 12, 1 << 16))
+}

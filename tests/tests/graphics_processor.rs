@@ -1,0 +1,290 @@
+//! What flex answers, a graphics processor answers: values, marches, gradients, and what training makes of them.
+//!
+//! Runs on the first adapter that there is, be it a software one; without any the tests say that they were skipped, and pass.
+
+use std::sync::OnceLock;
+use std::sync::atomic::AtomicBool;
+
+use burn::module::{Module, ModuleVisitor, Param};
+use burn::optim::GradientsParams;
+use burn::tensor::{Device, Int, Tensor};
+use dvr_core::dataset::{ReadOptions, read_scene};
+use dvr_core::mesh::{TexturedMesh, shapes};
+use dvr_core::synth::{SynthConfig, render_dataset};
+use dvr_core::{Camera, Ray, Scene, UnitCube};
+use dvr_model::{Conditioned, Decoder, DecoderConfig};
+use dvr_render::extract::FieldSurface;
+use dvr_render::{
+    Fate, Field, FieldShader, March, MarchSettings, Marcher, Query, Rays, RenderSettings, RootMethod, Shader,
+    SlopeRule, Surface, TensorMarcher,
+};
+use dvr_tests::{graphics_processor, max_difference, numbers, relative_difference, tensor1, tensor3};
+use dvr_train::{StepReport, Supervision, TrainConfig, Trainer, ViewSplit, carve_hull, hull_bound, warm_start};
+use glam::DVec3;
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+/// A ball, seen from ten sides.
+fn ball() -> &'static Scene {
+    static BALL: OnceLock<Scene> = OnceLock::new();
+    BALL.get_or_init(|| {
+        let folder = tempfile::tempdir().unwrap();
+        let ball = TexturedMesh { mesh: shapes::icosphere(2, 1.0), ..TexturedMesh::default() };
+        let synth = SynthConfig {
+            views: 10,
+            width: 24,
+            height: 24,
+            surface_points: 100,
+            occupancy_points: 100,
+            ..SynthConfig::default()
+        };
+        render_dataset(&ball, "ball", "balls", folder.path(), &synth, &|_, _| ()).unwrap();
+        read_scene(&folder.path().join("balls/ball"), &ReadOptions::default()).unwrap()
+    })
+}
+
+fn config(model: DecoderConfig, seed: u64) -> TrainConfig {
+    let mut config = TrainConfig { rays: 96, steps: 12, seed, model, ..TrainConfig::new(Supervision::Rgb) };
+    config.hull.warm_start_steps = 60;
+    config.hull.warm_start_points = 256;
+    config
+}
+
+/// A network that has been taught the ball's shape on the CPU, without codes.
+fn taught(config: &TrainConfig) -> Decoder {
+    let device = Device::flex().autodiff();
+    Device::flex().seed(config.seed);
+    let views = ViewSplit::new(ball(), config.hold_out_every).unwrap();
+    let hull = carve_hull(&views.train, 32).unwrap();
+    warm_start(config.model.init(&device), &hull, config, &Device::flex(), &AtomicBool::new(false), |_| ())
+}
+
+/// The networks of the suite: narrow and with an encoding, of an odd width and leaky, and as wide as a unit's columns are many.
+fn networks() -> Vec<(&'static str, Decoder)> {
+    [
+        ("width 32, 2 octaves", DecoderConfig::new().with_hidden(32).with_octaves(2)),
+        ("width 40, leaky", DecoderConfig::new().with_hidden(40).with_blocks(2).with_leaky(true)),
+        ("width 320", DecoderConfig::new().with_hidden(320).with_blocks(1)),
+    ]
+    .map(|(name, model)| (name, taught(&config(model, 0)).valid()))
+    .into()
+}
+
+fn points(n: usize) -> Vec<[f64; 3]> {
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    (0..n).map(|_| [(); 3].map(|()| rng.random_range(-0.5..0.5))).collect()
+}
+
+/// Rays of a camera that sees the ball, and some that start within it.
+fn rays(device: &Device) -> Rays {
+    let camera = Camera::look_at(20, 20, 45.0, DVec3::new(0.8, 0.5, -1.2), DVec3::ZERO, DVec3::Y);
+    let mut rays: Vec<Ray> = (0..400).map(|i| camera.pixel_ray(i % 20, i / 20)).collect();
+    rays.extend(
+        (0..9).map(|i| Ray { origin: DVec3::splat(0.01 * f64::from(i)), direction: DVec3::new(0.3, 1.0, 0.2) }),
+    );
+    rays.push(Ray { origin: DVec3::splat(3.0), direction: DVec3::X });
+    Rays::new(&rays, UnitCube::default(), device)
+}
+
+#[test]
+fn values_and_derivatives_are_those_of_the_cpu() {
+    let Some(gpu) = graphics_processor() else { return };
+    for (name, decoder) in networks() {
+        let answers = |decoder: &Decoder, device: &Device| {
+            let query = Query::new(tensor3(&points(200), device));
+            let jet = decoder.jet(&query, tensor3(&points(200), device));
+            let values = decoder.evaluate(&query);
+            [
+                numbers(values.occupancy_logit),
+                numbers(values.color),
+                numbers(jet.derivative.occupancy_logit),
+                numbers(jet.derivative.color),
+                numbers(decoder.occupancy_gradient(&query)),
+            ]
+        };
+        let truth = answers(&decoder, &Device::flex());
+        let ours = answers(&decoder.clone().to_device(&gpu), &gpu);
+        for (i, (ours, truth)) in ours.iter().zip(&truth).enumerate() {
+            let scale = truth.iter().fold(1.0f64, |scale, x| scale.max(x.abs()));
+            let apart = max_difference(ours, truth) / scale;
+            assert!(apart < 1e-5, "{name}, answer {i}: {apart:e}");
+        }
+    }
+}
+
+/// The same fates but for a grazing ray or two, and the same depths.
+fn assert_same_march(ours: &March, truth: &March, context: &str) {
+    let hits = truth.fate.iter().filter(|fate| **fate == Fate::Hits).count();
+    assert!(hits > 20 && truth.fate.contains(&Fate::StartsInside), "{context}: {hits} hits are too few to compare");
+    let apart = ours.fate.iter().zip(&truth.fate).filter(|(a, b)| a != b).count();
+    assert!(ours.fate.len() == truth.fate.len() && apart <= 1, "{context}: {apart} rays have another fate");
+    let depths = |march: &March| {
+        let mut depths = vec![f64::NAN; march.fate.len()];
+        let hits = march.hits.as_ref().expect("hits");
+        let places = hits.index.clone().into_data().iter::<i64>().collect::<Vec<_>>();
+        places.into_iter().zip(numbers(hits.depth.clone())).for_each(|(place, depth)| depths[place as usize] = depth);
+        depths
+    };
+    let (our_depths, true_depths) = (depths(ours), depths(truth));
+    for (ray, (a, b)) in our_depths.iter().zip(&true_depths).enumerate() {
+        assert!(a.is_nan() || b.is_nan() || (a - b).abs() < 2e-5, "{context}: ray {ray} at {a}, should be {b}");
+    }
+    // Two samples may be as dense as each other, to rounding.
+    let densest = numbers(ours.densest_depth.clone());
+    let far = densest.iter().zip(numbers(truth.densest_depth.clone())).zip(&truth.fate);
+    let far = far.filter(|((a, b), fate)| **fate == Fate::Misses && (**a - b).abs() > 1e-4).count();
+    assert!(far <= 3, "{context}: {far} rays have another densest sample");
+}
+
+#[test]
+fn the_kernel_and_tensors_on_the_device_find_what_tensors_on_the_cpu_find() {
+    let Some(gpu) = graphics_processor() else { return };
+    for (name, decoder) in networks() {
+        let on_gpu = decoder.clone().to_device(&gpu);
+        let mut rng = ChaCha8Rng::seed_from_u64(2);
+        let jitter: Vec<f64> = (0..410).map(|_| rng.random()).collect();
+        for (steps, root, jittered) in [
+            (33, RootMethod::Chandrupatla, false),
+            (24, RootMethod::Chandrupatla, true),
+            (16, RootMethod::Secant, true),
+            (9, RootMethod::Bisection, false),
+        ] {
+            let settings = MarchSettings { steps, root, root_steps: 14, ..MarchSettings::default() };
+            let jitter = |device| jittered.then(|| tensor1(&jitter, device));
+            let truth = TensorMarcher::new(&decoder, settings).march(&rays(&Device::flex()), jitter(&Device::flex()));
+            let kernel =
+                on_gpu.device_marcher(settings).expect("a kernel for this network").march(&rays(&gpu), jitter(&gpu));
+            assert_same_march(&kernel, &truth, &format!("{name}, kernel, {steps} samples, {root:?}"));
+            if jittered {
+                let tensors = TensorMarcher::new(&on_gpu, settings).march(&rays(&gpu), jitter(&gpu));
+                assert_same_march(&tensors, &truth, &format!("{name}, tensors, {steps} samples, {root:?}"));
+            }
+        }
+    }
+}
+
+#[test]
+fn rays_of_many_objects_meet_their_own_in_the_kernel() {
+    let Some(gpu) = graphics_processor() else { return };
+    let flex = Device::flex();
+    flex.seed(4);
+    // Codes reach the field through projections that start at random; the rest has been taught a ball.
+    let mut decoder = taught(&config(DecoderConfig::new().with_hidden(32), 0)).valid();
+    decoder.fc_c = DecoderConfig::new().with_hidden(32).with_code_dim(4).init(&flex).fc_c;
+    let codes = |device: &Device| {
+        tensor1(&[0.0, 0.1, 0.0, 0.0, 0.3, 0.0, -0.1, 0.0, 0.0, 0.0, 0.2, 0.3], device).reshape([3, 4])
+    };
+    let rays_of_three = |device: &Device| {
+        let mut rays = rays(device);
+        rays.object = Some(Tensor::<1, Int>::arange(0..rays.len() as i64, device).remainder_scalar(3));
+        rays
+    };
+    let settings = MarchSettings { steps: 32, ..MarchSettings::default() };
+    let truth = TensorMarcher::new(decoder.with_codes(codes(&flex)), settings).march(&rays_of_three(&flex), None);
+    let on_gpu: Conditioned = decoder.to_device(&gpu).with_codes(codes(&gpu));
+    let ours = on_gpu.device_marcher(settings).expect("a kernel").march(&rays_of_three(&gpu), None);
+    assert_same_march(&ours, &truth, "three objects");
+}
+
+/// All gradients of a module, one after the other.
+struct Gradients<'a> {
+    of: &'a GradientsParams,
+    all: Vec<f64>,
+}
+
+impl ModuleVisitor for Gradients<'_> {
+    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+        let gradient = self.of.get::<D>(param.id).expect("every parameter is reached");
+        self.all.extend(numbers(gradient));
+    }
+}
+
+#[test]
+fn gradients_of_march_and_depth_are_those_of_the_cpu() {
+    let Some(gpu) = graphics_processor() else { return };
+    let decoder = taught(&config(DecoderConfig::new().with_hidden(32).with_octaves(2), 0));
+    let gradients = |field: &Decoder, device: &Device| {
+        let frozen = field.valid();
+        let march = FieldSurface::new(&frozen).marcher(MarchSettings::default()).march(&rays(device), None);
+        let hits = march.hits.expect("rays hit");
+        let surface = Surface::on_graph(field, &frozen, &hits, SlopeRule::default());
+        let mut rng = ChaCha8Rng::seed_from_u64(5);
+        // One weight a ray of the batch, so that a ray more or less shifts no other.
+        let weights: Vec<f64> = (0..410).map(|_| rng.random_range(-1.0..1.0)).collect();
+        let weights = Tensor::from_inner(tensor1(&weights, device).select(0, hits.index.clone()));
+        let loss = (surface.depth * weights.clone()).sum() + (surface.color * weights.unsqueeze_dim(1)).sum();
+        let of = GradientsParams::from_grads(loss.backward(), field);
+        let mut visitor = Gradients { of: &of, all: Vec::new() };
+        field.visit(&mut visitor);
+        visitor.all
+    };
+    let truth = gradients(&decoder, &Device::flex());
+    let ours = gradients(&decoder.clone().to_device(&gpu.clone().autodiff()), &gpu);
+    let apart = relative_difference(&ours, &truth);
+    println!("gradients: {apart:e} apart");
+    assert!(apart < 1e-3, "{apart:e}");
+}
+
+/// Trains the same network on a device; its reports, and what it then shows of a view.
+fn train(device: &Device, seed: u64) -> (Vec<StepReport>, Vec<f64>) {
+    let config = config(DecoderConfig::new().with_hidden(32).with_octaves(2), seed);
+    let field = taught(&config).to_device(&device.clone().autodiff());
+    let views = ViewSplit::new(ball(), config.hold_out_every).unwrap();
+    let bound = hull_bound(&carve_hull(&views.train, 32).unwrap());
+    let steps = config.steps;
+    let mut trainer = Trainer::new(field, views, config, device.clone()).with_bound(bound);
+    let reports = (0..steps).map(|_| trainer.step().unwrap()).collect();
+    let frozen = trainer.frozen();
+    let logits = frozen.occupancy_logit(&Query::new(tensor3(&points(100), device)));
+    (reports, numbers(logits))
+}
+
+#[test]
+fn training_ends_where_it_ends_on_the_cpu_and_twice_at_the_same_bits() {
+    let Some(gpu) = graphics_processor() else { return };
+    let last = |reports: &[StepReport]| reports.last().map(|report| (report.loss, report.mask_iou)).expect("steps");
+    let (reports, logits) = train(&gpu, 0);
+    let (again, logits_again) = train(&gpu, 0);
+    assert_eq!(logits, logits_again, "the same training on the same device gives the same bits");
+    assert_eq!(last(&reports), last(&again));
+
+    let seeds: Vec<_> = (0..3).map(|seed| train(&Device::flex(), seed)).collect();
+    let (loss, mask_iou) = last(&reports);
+    let on_cpu: Vec<_> = seeds.iter().map(|(reports, _)| last(reports)).collect();
+    println!("loss and IoU {loss:.4} {mask_iou:.4}, on the CPU with three seeds {on_cpu:.4?}");
+    let spread = |of: fn(&(f64, f64)) -> f64| {
+        let values = on_cpu.iter().map(of);
+        values.clone().fold(f64::NEG_INFINITY, f64::max) - values.fold(f64::INFINITY, f64::min)
+    };
+    assert!((loss - on_cpu[0].0).abs() <= spread(|report| report.0), "loss {loss}, on the CPU {on_cpu:?}");
+    assert!(
+        (mask_iou - on_cpu[0].1).abs() <= spread(|report| report.1).max(0.02),
+        "IoU {mask_iou}, on the CPU {on_cpu:?}"
+    );
+    let apart = relative_difference(&logits, &seeds[0].1);
+    println!("logits after training: {apart:e} apart");
+    assert!(apart < 0.02, "{apart:e}");
+}
+
+#[test]
+fn a_picture_rendered_on_the_device_is_that_of_the_cpu() {
+    let Some(gpu) = graphics_processor() else { return };
+    let decoder = taught(&config(DecoderConfig::new().with_hidden(32).with_octaves(2), 0)).valid();
+    let camera = Camera::look_at(16, 16, 45.0, DVec3::new(0.8, 0.5, -1.2), DVec3::ZERO, DVec3::Y);
+    let rays: Vec<Ray> = (0..256).map(|i| camera.pixel_ray(i % 16, i / 16)).collect();
+    let on_gpu = decoder.clone().to_device(&gpu);
+    let settings = RenderSettings::default();
+    let truth = FieldShader::new(&decoder, settings, None).shade(&rays);
+    let ours = FieldShader::new(&on_gpu, settings, None).shade(&rays);
+    let mut both = 0;
+    for (ours, truth) in ours.iter().zip(&truth) {
+        let (Some(ours), Some(truth)) = (ours, truth) else { continue };
+        both += 1;
+        assert!((ours.depth - truth.depth).abs() < 1e-4, "{ours:?} {truth:?}");
+        for channel in 0..3 {
+            assert!((ours.color[channel] - truth.color[channel]).abs() < 1e-3, "{ours:?} {truth:?}");
+        }
+    }
+    let one = ours.iter().zip(&truth).filter(|(a, b)| a.is_some() != b.is_some()).count();
+    assert!(both > 30 && one <= 1, "{both} rays hit on both, {one} on one alone");
+}
