@@ -110,3 +110,29 @@ fn failure(device: &str, problem: &str) -> String {
         "{device} {what}. The last checkpoint of a training is kept, and --resume goes on from it; {REMEDY}. It said: {problem}"
     )
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_device_says_when_it_fails_becomes_one_sentence_with_a_remedy() {
+        for (said, what) in [
+            ("wgpu error: Out of Memory", "not enough memory"),
+            ("Parent device is lost", "was lost"),
+            ("index out of bounds", "failed"),
+        ] {
+            let failure = failure("gpu:0 (Card)", said);
+            for part in ["gpu:0 (Card)", what, said, "--backend cpu", "--resume"] {
+                assert!(failure.contains(part), "{part:?} is missing in: {failure}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_panic_is_told_on_one_line() {
+        assert_eq!(message(&"two\n   lines".to_owned()), "two lines");
+        assert_eq!(message(&"plain"), "plain");
+        assert_eq!(message(&7), "for no stated reason");
+    }
+}

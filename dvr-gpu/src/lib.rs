@@ -27,3 +27,5 @@ mod open;
 pub use adapter::{Adapter, AdapterKind, adapters};
 pub use march::{MarchOp, MarchPlan, PackedDecoder, RaySearch, Root, march_decoder};
 pub use open::{Gpu, GpuError, is_gpu, open, points_at_once};
+#[cfg(feature = "cuda")]
+pub use open::{cuda_devices, open_cuda};

@@ -32,6 +32,15 @@ pub enum GpuError {
         /// How many there are.
         count: usize,
     },
+    /// CUDA has no such card, or is not installed.
+    #[cfg(feature = "cuda")]
+    #[error("there is no cuda:{index}: CUDA finds {count}, counted from 0")]
+    NoCuda {
+        /// The one that was asked for.
+        index: usize,
+        /// How many there are.
+        count: usize,
+    },
     /// The driver refuses.
     #[error("gpu:{index} ({name}) cannot be opened: {problem}")]
     Refused {
@@ -86,4 +95,20 @@ pub fn is_gpu(device: &Device) -> bool {
 pub fn points_at_once(device: &Device) -> Option<usize> {
     let largest = client(device)?.properties().memory.max_page_size;
     Some(usize::try_from(largest / (8 * 4 * 512)).unwrap_or(usize::MAX).clamp(1 << 12, 1 << 16))
+}
+
+/// The NVIDIA cards that CUDA knows: how many there are. None where CUDA is not installed.
+#[cfg(feature = "cuda")]
+pub fn cuda_devices() -> usize {
+    cubecl::Device::enumerate_all().iter().filter(|device| matches!(device, cubecl::Device::Cuda(_))).count()
+}
+
+/// Opens an NVIDIA card through CUDA, by its place there.
+///
+/// # Errors
+/// When CUDA is not installed, or has no such card.
+#[cfg(feature = "cuda")]
+pub fn open_cuda(index: usize) -> Result<Device, GpuError> {
+    let device = cubecl::Device::cuda(index).map_err(|_| GpuError::NoCuda { index, count: cuda_devices() })?;
+    Ok(Device::from(DispatchDevice::Cube(device)))
 }

@@ -33,5 +33,5 @@ pub(crate) fn chunks(n: usize, size: usize) -> impl Iterator<Item = (usize, usiz
 /// Does jobs and returns the results in their order. A GPU has one queue, and each thread that uses it would claim memory of its
 /// own: there the jobs are done in turn.
 pub(crate) fn in_parallel<J: Send, T: Send>(device: &Device, jobs: Vec<J>, work: impl Fn(J) -> T + Sync) -> Vec<T> {
-    if is_gpu(device) { jobs.into_iter().map(work).collect() } else { jobs.into_par_iter().map(work).collect() }
+    if is_gpu(device) { jobs.into_iter().map(work).collect() } else { jobs.into_par_iter().map(&work).collect() }
 }

@@ -11,6 +11,7 @@ use dvr_model::{
     AdamMoments, Codes, DecoderConfig, Encoder, EncoderConfig, ImageModel, Imported, ImportedNetwork, PytorchCheckpoint,
 };
 
+use crate::adam::adam;
 use crate::checkpoint::{CHECKPOINT_VERSION, Checkpoint, CheckpointHeader, LearnerState};
 use crate::config::{Supervision, TrainConfig};
 use crate::error::{Error, Result};
@@ -18,7 +19,6 @@ use crate::learner::module_state;
 use crate::method::Method;
 use crate::objects::ObjectsConfig;
 use crate::original_config::OriginalConfig;
-use crate::trainer::adam;
 
 /// What an import is told besides the file.
 #[derive(Clone, Debug, Default)]

@@ -37,6 +37,7 @@
 
 #![warn(missing_docs)]
 
+mod adam;
 mod bake;
 mod batch;
 mod checkpoint;

@@ -1,13 +1,14 @@
 //! The training loop's state and its one step. Where runs are stored and reported is the business of `run`.
 
 use burn::module::Module;
-use burn::optim::{AdamConfig, GradientsParams, ModuleOptimizer};
+use burn::optim::{GradientsParams, ModuleOptimizer};
 use burn::tensor::{Device, Tensor};
 use dvr_core::{Scene, Split, UnitCube, View};
 use dvr_render::{Field, Rays, SkipGrid, is_gpu};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
+use crate::adam::adam;
 use crate::batch::PixelBatch;
 use crate::config::TrainConfig;
 use crate::error::{Error, Result};
@@ -116,11 +117,6 @@ pub struct Trainer<'a, F> {
     optimizer: ModuleOptimizer,
     step: usize,
     last: Option<StepReport>,
-}
-
-/// The optimiser of the original: Adam with the usual moments.
-pub(crate) fn adam() -> ModuleOptimizer {
-    AdamConfig::new().with_epsilon(1e-8).init()
 }
 
 /// The random stream of a purpose: stream `k` is step `k`, counted from 1.

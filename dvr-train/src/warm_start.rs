@@ -7,7 +7,7 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use burn::module::Module;
-use burn::optim::{AdamConfig, GradientsParams};
+use burn::optim::GradientsParams;
 use burn::tensor::{Device, Tensor, TensorData};
 use dvr_core::hull::{Bounds, HullSettings, VisualHull};
 use dvr_core::{UnitCube, View};
@@ -15,6 +15,7 @@ use dvr_render::{Field, Query, SkipGrid};
 use glam::Vec3;
 use rand::Rng;
 
+use crate::adam::adam;
 use crate::config::TrainConfig;
 use crate::error::Result;
 use crate::losses;
@@ -37,7 +38,7 @@ pub fn warm_start<F: Field + Module>(
         return field;
     }
     let settings = &config.hull;
-    let mut optimizer = AdamConfig::new().with_epsilon(1e-8).init();
+    let mut optimizer = adam();
     // A stream of its own, far from those of the steps.
     let mut rng = step_rng(config.seed, u64::MAX);
     let half = UnitCube::default().half_extent() as f32;

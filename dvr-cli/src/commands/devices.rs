@@ -20,7 +20,7 @@ pub fn run() -> Result<ExitCode> {
         }
     }
     #[cfg(feature = "cuda")]
-    crate::gpu::print_cuda_devices();
+    (0..dvr_gpu::cuda_devices()).for_each(|index| println!("cuda:{index}  an NVIDIA card through CUDA"));
     #[cfg(not(feature = "gpu"))]
     eprintln!("note: this dvr was built without the feature `gpu`");
     Ok(ExitCode::SUCCESS)

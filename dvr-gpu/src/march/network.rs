@@ -13,6 +13,9 @@ use super::plan::DecoderShape;
 /// Numbers a ray in the kernels' table of rays: origin, direction, entry, exit, jitter, object.
 pub(super) const RAY_COLUMNS: usize = 10;
 
+/// Numbers of four points side by side: one instruction reads them from shared memory, where one a number would be the bottleneck.
+pub(super) type Quad = Vector<f32, Const<4>>;
+
 /// What a group of units shares while it evaluates a tile of points.
 #[derive(CubeType)]
 pub(super) struct Tile {
@@ -20,8 +23,8 @@ pub(super) struct Tile {
     pub points: Shared<[f32]>,
     /// The object of each point, `[slots]`.
     pub objects: Shared<[u32]>,
-    /// The inputs of the layer in work, `[inputs][slots]`.
-    pub inputs: Shared<[f32]>,
+    /// The inputs of the layer in work, `[inputs][slots / 4]`.
+    pub inputs: Shared<[Quad]>,
     /// The answer: occupancy logits, `[slots]`.
     pub logits: Shared<[f32]>,
 }
@@ -33,7 +36,7 @@ impl Tile {
         Tile {
             points: Shared::new_slice(comptime!(3 * shape.slots)),
             objects: Shared::new_slice(comptime!(shape.slots)),
-            inputs: Shared::new_slice(comptime!(shape.widest() * shape.slots)),
+            inputs: Shared::new_slice(comptime!(shape.widest() * shape.quads())),
             logits: Shared::new_slice(comptime!(shape.slots)),
         }
     }
@@ -51,13 +54,13 @@ pub(super) fn evaluate(
     leak: f32,
     #[comptime] shape: DecoderShape,
 ) {
-    let slots = comptime!(shape.slots);
+    let quads = comptime!(shape.quads());
     let hidden = comptime!(shape.hidden);
-    let columns = comptime!(shape.columns());
+    let own = comptime!(shape.columns() * quads);
     encode(tile, shape);
     sync_cube();
-    let mut net = Array::<f32>::new(comptime!(columns * slots));
-    let mut inner = Array::<f32>::new(comptime!(columns * slots));
+    let mut net = Array::<Quad>::new(own);
+    let mut inner = Array::<Quad>::new(own);
     linear(&tile.inputs, weights, 0usize, &mut net, comptime!(shape.features()), shape);
     sync_cube();
 
@@ -77,22 +80,25 @@ pub(super) fn evaluate(
         linear(&tile.inputs, weights, at + layer, &mut inner, hidden, shape);
         sync_cube();
         #[unroll]
-        for i in 0..comptime!(columns * slots) {
+        for i in 0..own {
             net[i] += inner[i];
         }
     }
     rectify(&net, &mut tile.inputs, leak, shape);
     sync_cube();
 
-    // The output layer has one column here: a unit a point adds it up.
-    let slot = UNIT_POS as usize;
-    if slot < slots {
+    // The output layer has one column here: a unit for each four points adds it up.
+    let quad = UNIT_POS as usize;
+    if quad < quads {
         let at = first_block + 2 * comptime!(shape.blocks) * layer;
-        let mut logit = weights[at + hidden];
+        let mut logits = Quad::new(weights[at + hidden]);
         for k in 0..hidden {
-            logit += tile.inputs[k * slots + slot] * weights[at + k];
+            logits += tile.inputs[k * quads + quad] * Quad::new(weights[at + k]);
         }
-        tile.logits[slot] = logit;
+        #[unroll]
+        for lane in 0..4usize {
+            tile.logits[4 * quad + lane] = logits.extract(lane);
+        }
     }
     sync_cube();
 }
@@ -100,20 +106,25 @@ pub(super) fn evaluate(
 /// `[p, sin(2^k pi p), cos(2^k pi p)]` of each point, into the tile's inputs.
 #[cube]
 fn encode(tile: &mut Tile, #[comptime] shape: DecoderShape) {
-    let slots = comptime!(shape.slots);
-    let count = comptime!(shape.features() * slots);
+    let quads = comptime!(shape.quads());
+    let count = comptime!(shape.features() * quads);
     let mut i = UNIT_POS as usize;
     while i < count {
-        let feature = i / slots;
-        let slot = i % slots;
-        let coordinate = tile.points[feature % 3 * slots + slot];
-        let mut value = coordinate;
-        if feature >= 3 {
-            let wave = feature / 3 - 1;
-            let phase = coordinate * (std::f32::consts::PI * f32::cast_from(1u32 << (wave as u32 / 2u32)));
-            value = if wave % 2 == 0 { phase.sin() } else { phase.cos() };
+        let feature = i / quads;
+        let quad = i % quads;
+        let mut values = Quad::zeroed();
+        #[unroll]
+        for lane in 0..4usize {
+            let coordinate = tile.points[feature % 3 * comptime!(shape.slots) + 4 * quad + lane];
+            let mut value = coordinate;
+            if feature >= 3 {
+                let wave = feature / 3 - 1;
+                let phase = coordinate * (std::f32::consts::PI * f32::cast_from(1u32 << (wave as u32 / 2u32)));
+                value = if wave % 2 == 0 { phase.sin() } else { phase.cos() };
+            }
+            values.insert(lane, value);
         }
-        tile.inputs[feature * slots + slot] = value;
+        tile.inputs[i] = values;
         i += CUBE_DIM as usize;
     }
 }
@@ -121,29 +132,29 @@ fn encode(tile: &mut Tile, #[comptime] shape: DecoderShape) {
 /// A layer: `outputs = inputs W + b` for the unit's columns, with `W [count, hidden]` and `b [hidden]` after it, from `at` on.
 #[cube]
 fn linear(
-    inputs: &Shared<[f32]>,
+    inputs: &Shared<[Quad]>,
     weights: &[f32],
     at: usize,
-    outputs: &mut Array<f32>,
+    outputs: &mut Array<Quad>,
     #[comptime] count: usize,
     #[comptime] shape: DecoderShape,
 ) {
-    let slots = comptime!(shape.slots);
+    let quads = comptime!(shape.quads());
     let hidden = comptime!(shape.hidden);
     #[unroll]
     for c in 0..comptime!(shape.columns()) {
         let column = UNIT_POS as usize + c * comptime!(shape.units);
         if column < hidden {
-            let bias = weights[at + count * hidden + column];
+            let bias = Quad::new(weights[at + count * hidden + column]);
             #[unroll]
-            for s in 0..slots {
-                outputs[c * slots + s] = bias;
+            for q in 0..quads {
+                outputs[c * quads + q] = bias;
             }
             for k in 0..count {
-                let weight = weights[at + k * hidden + column];
+                let weight = Quad::new(weights[at + k * hidden + column]);
                 #[unroll]
-                for s in 0..slots {
-                    outputs[c * slots + s] += weight * inputs[k * slots + s];
+                for q in 0..quads {
+                    outputs[c * quads + q] += weight * inputs[k * quads + q];
                 }
             }
         }
@@ -152,16 +163,22 @@ fn linear(
 
 /// The unit's columns after a (leaky) ReLU, for all units to see.
 #[cube]
-fn rectify(values: &Array<f32>, inputs: &mut Shared<[f32]>, leak: f32, #[comptime] shape: DecoderShape) {
-    let slots = comptime!(shape.slots);
+fn rectify(values: &Array<Quad>, inputs: &mut Shared<[Quad]>, leak: f32, #[comptime] shape: DecoderShape) {
+    let quads = comptime!(shape.quads());
     #[unroll]
     for c in 0..comptime!(shape.columns()) {
         let column = UNIT_POS as usize + c * comptime!(shape.units);
         if column < comptime!(shape.hidden) {
             #[unroll]
-            for s in 0..slots {
-                let value = values[c * slots + s];
-                inputs[column * slots + s] = select(value > 0.0f32, value, value * leak);
+            for q in 0..quads {
+                let before = values[c * quads + q];
+                let mut after = Quad::zeroed();
+                #[unroll]
+                for lane in 0..4usize {
+                    let value = before.extract(lane);
+                    after.insert(lane, select(value > 0.0f32, value, value * leak));
+                }
+                inputs[column * quads + q] = after;
             }
         }
     }
@@ -173,18 +190,24 @@ fn add_condition(
     tile: &mut Tile,
     conditions: &[f32],
     first: usize,
-    net: &mut Array<f32>,
+    net: &mut Array<Quad>,
     #[comptime] shape: DecoderShape,
 ) {
-    let slots = comptime!(shape.slots);
+    let quads = comptime!(shape.quads());
     let hidden = comptime!(shape.hidden);
     #[unroll]
     for c in 0..comptime!(shape.columns()) {
         let column = UNIT_POS as usize + c * comptime!(shape.units);
         if column < hidden {
             #[unroll]
-            for s in 0..slots {
-                net[c * slots + s] += conditions[(first + tile.objects[s] as usize) * hidden + column];
+            for q in 0..quads {
+                let mut given = Quad::zeroed();
+                #[unroll]
+                for lane in 0..4usize {
+                    let row = first + tile.objects[4 * q + lane] as usize;
+                    given.insert(lane, conditions[row * hidden + column]);
+                }
+                net[c * quads + q] += given;
             }
         }
     }

@@ -13,7 +13,7 @@ pub(crate) struct DecoderShape {
     pub conditioned: bool,
     /// Units of a group.
     pub units: usize,
-    /// Points that a group evaluates at once, one of each ray that it has in flight.
+    /// Points that a group evaluates at once, one of each ray that it has in flight; a multiple of four.
     pub slots: usize,
 }
 
@@ -26,6 +26,11 @@ impl DecoderShape {
     /// Inputs of its widest layer.
     pub fn widest(&self) -> usize {
         self.features().max(self.hidden)
+    }
+
+    /// Fours of points that a group evaluates at once.
+    pub fn quads(&self) -> usize {
+        self.slots / 4
     }
 
     /// Columns of a layer that a unit computes.

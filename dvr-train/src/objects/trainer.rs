@@ -17,13 +17,14 @@ use super::draw::{BatchDrawer, Lesson};
 use super::loader::Loader;
 use super::model::{image_tensor, rows_tensor};
 use super::validate::{Judge, judge, read_judges};
+use crate::adam::adam;
 use crate::batch::PixelBatch;
 use crate::checkpoint::LearnerState;
 use crate::error::{Error, Result};
 use crate::learner::{Learner, module_state, restore_module, restore_optimizer};
 use crate::losses;
 use crate::objective::{StepLoss, step_loss};
-use crate::trainer::{StepReport, adam};
+use crate::trainer::StepReport;
 use crate::validate::Agreement;
 
 /// A model of many objects in training.
