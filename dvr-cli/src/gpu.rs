@@ -67,19 +67,29 @@ fn keep_panics(device: String) {
     set_hook(Box::new(|panic| {
         let place = panic.location().map(|place| format!(" ({}:{})", place.file(), place.line())).unwrap_or_default();
         let mut first = FIRST_PANIC.lock().unwrap_or_else(PoisonError::into_inner);
-        first.get_or_insert_with(|| format!("{}{place}", message(panic.payload())));
+        first.get_or_insert_with(|| format!("{}{place}", root_cause(&message(panic.payload()))));
     }));
 }
 
-/// What a panic says, on one line.
+/// What a panic says.
 fn message(payload: &(dyn Any + Send)) -> String {
-    let text = match (payload.downcast_ref::<String>(), payload.downcast_ref::<&str>()) {
-        (Some(text), _) => text.as_str(),
-        (None, Some(text)) => text,
-        (None, None) => "for no stated reason",
-    };
-    text.split_whitespace().collect::<Vec<_>>().join(" ")
+    match (payload.downcast_ref::<String>(), payload.downcast_ref::<&str>()) {
+        (Some(text), _) => text.clone(),
+        (None, Some(text)) => (*text).to_owned(),
+        (None, None) => "for no stated reason".to_owned(),
+    }
 }
+
+/// The root of a message that tells causes of causes and ends with a trace, on one line.
+fn root_cause(message: &str) -> String {
+    let root = message.rsplit("Caused by:").next().unwrap_or(message);
+    let root = ["No backtrace", "Backtrace:"].iter().fold(root, |root, end| root.split(end).next().unwrap_or(root));
+    let line = root.split_whitespace().collect::<Vec<_>>().join(" ");
+    line.chars().take(MAX_CAUSE).collect()
+}
+
+/// Characters of a cause that are shown.
+const MAX_CAUSE: usize = 300;
 
 /// Runs a command. If a device was opened and fails in the middle of it, that is an error like any other.
 pub fn guarded(command: impl FnOnce() -> Result<ExitCode>) -> Result<ExitCode> {
@@ -89,14 +99,14 @@ pub fn guarded(command: impl FnOnce() -> Result<ExitCode>) -> Result<ExitCode> {
     };
     let Some(device) = OPEN.lock().unwrap_or_else(PoisonError::into_inner).take() else { resume_unwind(payload) };
     let first = FIRST_PANIC.lock().unwrap_or_else(PoisonError::into_inner).take();
-    let problem = first.unwrap_or_else(|| message(payload.as_ref()));
+    let problem = first.unwrap_or_else(|| root_cause(&message(payload.as_ref())));
     Err(anyhow!("{}", failure(&device, &problem)))
 }
 
 /// What to say of a device that failed with a message.
 fn failure(device: &str, problem: &str) -> String {
     let lower = problem.to_lowercase();
-    let what = if ["out of memory", "outofmemory", "buffer too big", "buffertoobig", "exceeds the max"]
+    let what = if ["out of memory", "allocate buffer", "buffer too big", "exceeds the max"]
         .iter()
         .any(|sign| lower.contains(sign))
     {
@@ -118,7 +128,7 @@ mod tests {
     #[test]
     fn what_a_device_says_when_it_fails_becomes_one_sentence_with_a_remedy() {
         for (said, what) in [
-            ("wgpu error: Out of Memory", "not enough memory"),
+            ("can't allocate buffer of size: 536870912", "not enough memory"),
             ("Parent device is lost", "was lost"),
             ("index out of bounds", "failed"),
         ] {
@@ -130,9 +140,10 @@ mod tests {
     }
 
     #[test]
-    fn a_panic_is_told_on_one_line() {
-        assert_eq!(message(&"two\n   lines".to_owned()), "two lines");
-        assert_eq!(message(&"plain"), "plain");
+    fn of_a_chain_of_causes_the_root_is_told_on_one_line() {
+        let chain = "reading: (An error\nCaused by:\n  An IO error\nCaused by:\n  can't allocate\n  buffer\nNo backtrace available)";
+        assert_eq!(root_cause(chain), "can't allocate buffer");
+        assert_eq!(root_cause(&message(&"plain")), "plain");
         assert_eq!(message(&7), "for no stated reason");
     }
 }

@@ -53,6 +53,9 @@ mod image_model;
 mod lattice_decoder;
 mod lattice_field;
 pub mod lattice_file;
+#[cfg(feature = "gpu")]
+mod lattice_gpu;
+mod lattice_host;
 mod lattice_op;
 mod pytorch;
 mod record;
