@@ -18,7 +18,7 @@ use dvr_render::{
     Fate, Field, FieldShader, March, MarchSettings, Marcher, Query, Rays, RenderSettings, RootMethod, Shader,
     SlopeRule, Surface, TensorMarcher,
 };
-use dvr_tests::{graphics_processor, max_difference, numbers, relative_difference, tensor1, tensor3};
+use dvr_tests::{graphics_processor, lattice_suite, max_difference, numbers, relative_difference, tensor1, tensor3};
 use dvr_train::{StepReport, Supervision, TrainConfig, Trainer, ViewSplit, carve_hull, hull_bound, warm_start};
 use glam::DVec3;
 use rand::{Rng, SeedableRng};
@@ -184,6 +184,12 @@ fn rays_of_many_objects_meet_their_own_in_the_kernel() {
     let on_gpu: Conditioned = decoder.to_device(&gpu).with_codes(codes(&gpu));
     let ours = on_gpu.device_marcher(settings).expect("a kernel").march(&rays_of_three(&gpu), None);
     assert_same_march(&ours, &truth, "three objects");
+}
+
+#[test]
+fn lattices_are_interpolated_on_the_device_as_plain_tensors_do_it() {
+    let Some(gpu) = graphics_processor() else { return };
+    lattice_suite::agrees_with_plain_tensors(&gpu, 1e-4);
 }
 
 /// All gradients of a module, one after the other.
