@@ -47,7 +47,8 @@ pub struct March {
     /// What became of each ray, in the batch's order. Not on the device: which rays hit must be known to the program, to go on
     /// with these alone, and is read back once.
     pub fate: Vec<Fate>,
-    /// Depth of the sample with the largest logit, `[n]`: where a ray that misses came closest to the object.
+    /// Depth of the sample with the largest logit, `[n]`: where a ray that misses came closest to the object. Of other rays, a marcher
+    /// that stops at the surface has looked at the samples before it alone.
     pub densest_depth: Tensor<1>,
 }
 
