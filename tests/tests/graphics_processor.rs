@@ -6,6 +6,7 @@ use std::sync::OnceLock;
 use std::sync::atomic::AtomicBool;
 
 use burn::module::{Module, ModuleVisitor, Param};
+use burn::nn::Linear;
 use burn::optim::GradientsParams;
 use burn::tensor::{Device, Int, Tensor};
 use dvr_core::dataset::{ReadOptions, read_scene};
@@ -170,9 +171,10 @@ fn rays_of_many_objects_meet_their_own_in_the_kernel() {
     flex.seed(4);
     // Codes reach the field through projections that start at random; the rest has been taught a ball.
     let mut decoder = taught(&config(DecoderConfig::new().with_hidden(32), 0)).valid();
-    decoder.fc_c = DecoderConfig::new().with_hidden(32).with_code_dim(4).init(&flex).fc_c;
+    let projections = DecoderConfig::new().with_hidden(32).with_code_dim(4).init(&flex).fc_c;
+    decoder.fc_c = projections.into_iter().map(|projection| Linear { bias: None, ..projection }).collect();
     let codes = |device: &Device| {
-        tensor1(&[0.0, 0.1, 0.0, 0.0, 0.3, 0.0, -0.1, 0.0, 0.0, 0.0, 0.2, 0.3], device).reshape([3, 4])
+        tensor1(&[0.0, 0.1, 0.0, 0.0, 0.1, 0.0, -0.1, 0.0, 0.0, 0.0, 0.05, 0.1], device).reshape([3, 4])
     };
     let rays_of_three = |device: &Device| {
         let mut rays = rays(device);
