@@ -74,7 +74,7 @@ impl StepReport {
     pub(crate) fn of(loss: &StepLoss, config: &TrainConfig, steps_done: usize, last: Option<&Self>) -> Result<Self> {
         let step = steps_done + 1;
         let (value, terms) = match last {
-            Some(last) if is_gpu(&loss.total.device()) && step % READ_EVERY != 0 && step != config.steps => {
+            Some(last) if is_gpu(&loss.total.device()) && !step.is_multiple_of(READ_EVERY) && step != config.steps => {
                 (last.loss, last.terms.clone())
             }
             _ => read_losses(loss),

@@ -120,7 +120,7 @@ fn encode(tile: &mut Tile, #[comptime] shape: DecoderShape) {
             if feature >= 3 {
                 let wave = feature / 3 - 1;
                 let phase = coordinate * (std::f32::consts::PI * f32::cast_from(1u32 << (wave as u32 / 2u32)));
-                value = if wave % 2 == 0 { phase.sin() } else { phase.cos() };
+                value = if (wave & 1) == 0 { phase.sin() } else { phase.cos() };
             }
             values.insert(lane, value);
         }
