@@ -12,12 +12,14 @@ mod ply;
 mod polygon;
 pub mod shapes;
 mod simplify;
+mod topology;
 
 use std::sync::Arc;
 
 use glam::{Vec2, Vec3};
 
 pub use io::{read_mesh, read_mesh_with_warnings, write_mesh};
+pub use topology::Topology;
 
 use crate::camera::Similarity;
 use crate::visibility::Observation;

@@ -124,6 +124,11 @@ pub enum CameraPlacement {
         /// Height of the ring in degrees above the object's middle.
         elevation: f64,
     },
+    /// One side only: all within an angle of a slightly raised direction, on a Fibonacci spiral.
+    Cap {
+        /// The angle in degrees; 180 is the whole sphere.
+        half_angle: f64,
+    },
 }
 
 /// What the colour of a pixel that the object fills only partly is made of.

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use super::config::SynthConfig;
 use super::lists::{append_to_lists, check_name, register_category};
 use super::placement::place_cameras;
-use super::render::MeshRenderer;
+use super::render::{MeshRenderer, RenderedView};
 use crate::camera::{Camera, Similarity};
 use crate::error::{Error, Result};
 use crate::files::{write_depth_exr, write_gray_png, write_rgb_png};
@@ -96,24 +96,79 @@ fn write_views(
     config: &SynthConfig,
     progress: &(dyn Fn(usize, usize) + Sync),
 ) -> Result<()> {
-    for kind in ["image", "mask"].into_iter().chain(config.depth_maps.then_some("depth")) {
-        create_folder(&folder.join(kind))?;
-    }
+    create_view_folders(folder, config)?;
     let cameras = place_cameras(config);
     let renderer = MeshRenderer::new(mesh, config);
     let done = AtomicUsize::new(0);
     cameras.par_iter().enumerate().try_for_each(|(i, camera)| {
-        let view = renderer.render(camera, i as u64);
-        write_rgb_png(&folder.join(format!("image/{i:04}.png")), &view.image)?;
-        write_gray_png(&folder.join(format!("mask/{i:04}.png")), &view.mask.coverage)?;
-        if config.depth_maps {
-            let in_world_units = view.depth.scaled(object_to_world.scale as f32);
-            write_depth_exr(&folder.join(format!("depth/{i:04}.exr")), &in_world_units)?;
-        }
+        write_view(folder, i, renderer.render(camera, i as u64), object_to_world, config)?;
         progress(done.fetch_add(1, Ordering::Relaxed) + 1, cameras.len());
         Ok(())
     })?;
     write_cameras(&folder.join("cameras.npz"), &cameras, object_to_world)
+}
+
+/// One view's picture, mask and depth map.
+fn write_view(
+    folder: &Path,
+    index: usize,
+    view: RenderedView,
+    object_to_world: &Similarity,
+    config: &SynthConfig,
+) -> Result<()> {
+    write_rgb_png(&folder.join(format!("image/{index:04}.png")), &view.image)?;
+    write_gray_png(&folder.join(format!("mask/{index:04}.png")), &view.mask.coverage)?;
+    if config.depth_maps {
+        let in_world_units = view.depth.scaled(object_to_world.scale as f32);
+        write_depth_exr(&folder.join(format!("depth/{index:04}.exr")), &in_world_units)?;
+    }
+    Ok(())
+}
+
+/// A picture and the camera that is said to have taken it, both in object space.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Shot {
+    /// What `cameras.npz` will say.
+    pub camera: Camera,
+    /// Image, mask and depth.
+    pub picture: RenderedView,
+}
+
+/// Writes pictures that were taken, and perhaps tampered with, by the caller to `<out>/<category>/<name>`, with the true
+/// shape of `mesh` beside them; everything in object space. A folder of that name is replaced.
+///
+/// # Errors
+/// [`Error::Scene`] where a name is unusable; [`Error::Io`] where something cannot be written.
+pub fn write_shots(
+    shots: Vec<Shot>,
+    mesh: &Mesh,
+    name: &str,
+    category: &str,
+    out: &Path,
+    config: &SynthConfig,
+) -> Result<()> {
+    check_name("object", name)?;
+    check_name("category", category)?;
+    let folder = out.join(category).join(name);
+    let partial = PartialFolder::create(out.join(category).join(format!(".{name}.partial")))?;
+    create_view_folders(&partial.path, config)?;
+    let cameras: Vec<Camera> = shots.iter().map(|shot| shot.camera.clone()).collect();
+    let here = Similarity::default();
+    shots
+        .into_par_iter()
+        .enumerate()
+        .try_for_each(|(i, shot)| write_view(&partial.path, i, shot.picture, &here, config))?;
+    write_cameras(&partial.path.join("cameras.npz"), &cameras, &here)?;
+    write_ground_truth(mesh, &here, &partial.path, config)?;
+    if folder.exists() {
+        std::fs::remove_dir_all(&folder).map_err(|e| Error::io(&folder, e))?;
+    }
+    partial.finish(&folder)
+}
+
+fn create_view_folders(folder: &Path, config: &SynthConfig) -> Result<()> {
+    let kinds = ["image", "mask"].into_iter().chain(config.depth_maps.then_some("depth"));
+    kinds.into_iter().try_for_each(|kind| create_folder(&folder.join(kind)))
 }
 
 /// `camera_mat @ world_mat @ scale_mat @ p` lies in `[-1, 1]`, with (-1, -1) the top left corner of the image.

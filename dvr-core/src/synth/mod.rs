@@ -25,6 +25,6 @@ mod shading;
 
 pub use config::{CameraPlacement, DirectionalLight, EdgeColor, Lighting, SynthConfig};
 pub use corpus::{CorpusObject, CorpusReport, SplitRatios, render_corpus};
-pub use dataset::render_dataset;
+pub use dataset::{Shot, render_dataset, write_shots};
 pub use placement::place_cameras;
 pub use render::{MeshRenderer, RenderedView};

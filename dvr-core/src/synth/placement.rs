@@ -2,7 +2,7 @@
 
 use std::f64::consts::{PI, TAU};
 
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -19,6 +19,7 @@ pub fn place_cameras(config: &SynthConfig) -> Vec<Camera> {
         CameraPlacement::Sphere => (4.0 * PI / count).sqrt(),
         CameraPlacement::UpperHemisphere => (2.0 * PI / count).sqrt(),
         CameraPlacement::Ring { .. } => TAU / count,
+        CameraPlacement::Cap { half_angle } => (TAU * (1.0 - half_angle.to_radians().cos()) / count).sqrt(),
     };
     let focal = 0.5 * config.focal * f64::from(config.width.min(config.height));
     (0..config.views)
@@ -40,9 +41,22 @@ fn direction(placement: CameraPlacement, view: f64, count: f64, start: f64) -> D
         CameraPlacement::Sphere => (1.0 - (2.0 * view + 1.0) / count, start + golden_angle * view),
         CameraPlacement::UpperHemisphere => (1.0 - (view + 0.5) / count, start + golden_angle * view),
         CameraPlacement::Ring { elevation } => (elevation.to_radians().sin(), start + TAU * view / count),
+        CameraPlacement::Cap { half_angle } => {
+            let share = 0.5 * (1.0 - half_angle.to_radians().cos());
+            (1.0 - share * (2.0 * view + 1.0) / count, start + golden_angle * view)
+        }
     };
     let radius = (1.0 - height * height).max(0.0).sqrt();
-    DVec3::new(radius * angle.cos(), height, radius * angle.sin())
+    let around_y = DVec3::new(radius * angle.cos(), height, radius * angle.sin());
+    match placement {
+        CameraPlacement::Cap { .. } => DQuat::from_rotation_arc(DVec3::Y, cap_axis()) * around_y,
+        _ => around_y,
+    }
+}
+
+/// The middle of a cap of cameras: to the side, raised by 30 degrees.
+fn cap_axis() -> DVec3 {
+    DVec3::new(0.0, 0.5, 0.75f64.sqrt())
 }
 
 #[cfg(test)]
@@ -74,6 +88,17 @@ mod tests {
         assert!(eyes(&above).iter().all(|eye| eye.y > 0.0));
         let ring = SynthConfig { placement: CameraPlacement::Ring { elevation: 30.0 }, ..still };
         assert!(eyes(&ring).iter().all(|eye| (eye.y - 0.75).abs() < 1e-12));
+    }
+
+    #[test]
+    fn a_cap_of_cameras_stays_within_its_angle_and_fills_it() {
+        for half_angle in [30.0f64, 90.0, 180.0] {
+            let placement = CameraPlacement::Cap { half_angle };
+            let config = SynthConfig { placement, jitter: 0.0, views: 200, ..SynthConfig::default() };
+            let angle = |eye: &DVec3| eye.normalize().dot(cap_axis()).clamp(-1.0, 1.0).acos().to_degrees();
+            let widest = eyes(&config).iter().map(angle).fold(0.0, f64::max);
+            assert!(widest <= half_angle && widest > 0.9 * half_angle, "{widest} of {half_angle}");
+        }
     }
 
     #[test]

@@ -1,0 +1,80 @@
+//! Whether a mesh is a surface that encloses something, and how many handles it has.
+
+use std::collections::HashMap;
+
+use super::Mesh;
+
+/// What the faces of a mesh say about its shape, whatever its vertices' places. Vertices that lie at one place are two.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub struct Topology {
+    /// Every edge belongs to exactly two faces, which run along it in opposite directions: the surface is watertight.
+    /// A mesh without faces is not.
+    pub closed: bool,
+    /// Connected pieces.
+    pub pieces: usize,
+    /// `V - E + F` of the vertices that faces use: 2 for each sphere, 0 for each torus.
+    pub euler_characteristic: i64,
+}
+
+impl Topology {
+    /// Of a mesh.
+    pub fn of(mesh: &Mesh) -> Self {
+        let mut balance: HashMap<(u32, u32), [u32; 2]> = HashMap::new();
+        let mut parents: Vec<u32> = (0..mesh.vertices.len() as u32).collect();
+        let mut used = vec![false; mesh.vertices.len()];
+        for &[a, b, c] in &mesh.faces {
+            for (from, to) in [(a, b), (b, c), (c, a)] {
+                balance.entry((from.min(to), from.max(to))).or_default()[usize::from(from < to)] += 1;
+                used[from as usize] = true;
+                let (i, j) = (root(&mut parents, from), root(&mut parents, to));
+                parents[i.max(j) as usize] = i.min(j);
+            }
+        }
+        let vertices = used.iter().filter(|&&used| used).count();
+        let pieces = (0..parents.len() as u32).filter(|&v| used[v as usize] && parents[v as usize] == v).count();
+        Self {
+            closed: !mesh.faces.is_empty() && balance.values().all(|sides| *sides == [1, 1]),
+            pieces,
+            euler_characteristic: vertices as i64 - balance.len() as i64 + mesh.faces.len() as i64,
+        }
+    }
+
+    /// Handles of all pieces together (the genus of a single one); `None` where the surface is not closed.
+    pub fn handles(&self) -> Option<i64> {
+        self.closed.then(|| self.pieces as i64 - self.euler_characteristic / 2)
+    }
+}
+
+/// The representative of a vertex's piece; halves the path to it.
+fn root(parents: &mut [u32], mut vertex: u32) -> u32 {
+    while parents[vertex as usize] != vertex {
+        let above = parents[parents[vertex as usize] as usize];
+        parents[vertex as usize] = above;
+        vertex = above;
+    }
+    vertex
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::shapes;
+    use super::*;
+
+    #[test]
+    fn a_ball_has_no_handle_and_a_torus_has_one() {
+        let ball = Topology::of(&shapes::icosphere(1, 1.0));
+        assert_eq!((ball.closed, ball.pieces, ball.handles()), (true, 1, Some(0)));
+        let torus = shapes::torus(1.0, 0.3, 8, 6);
+        assert_eq!(Topology::of(&torus).handles(), Some(1));
+        let both = Topology::of(&shapes::union([torus, shapes::icosphere(0, 1.0)]));
+        assert_eq!((both.pieces, both.handles()), (2, Some(1)));
+    }
+
+    #[test]
+    fn a_surface_with_a_hole_or_without_faces_is_not_closed() {
+        let mut ball = shapes::icosphere(1, 1.0);
+        ball.faces.pop();
+        assert_eq!(Topology::of(&ball).handles(), None);
+        assert!(!Topology::of(&Mesh::default()).closed);
+    }
+}
