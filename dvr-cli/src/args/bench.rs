@@ -42,10 +42,7 @@ pub struct BenchArgs {
 impl BenchArgs {
     /// What is compared: the methods, then the variants.
     pub fn variants(&self) -> Vec<Variant> {
-        let name = |method: &MethodName| method.to_possible_value().map(|value| value.get_name().to_owned());
-        let methods = self.methods.iter().filter_map(name);
-        let methods = methods.map(|name| Variant { method: name.clone(), name, settings: Vec::new() });
-        methods.chain(self.variant.iter().cloned()).collect()
+        Variant::all(&self.methods, &self.variant)
     }
 }
 
@@ -58,4 +55,14 @@ pub struct Variant {
     pub method: String,
     /// `KEY=VALUE`, as `--set` takes them.
     pub settings: Vec<String>,
+}
+
+impl Variant {
+    /// Methods with their own settings, then variants.
+    pub fn all(methods: &[MethodName], variants: &[Self]) -> Vec<Self> {
+        let name = |method: &MethodName| method.to_possible_value().map(|value| value.get_name().to_owned());
+        let methods = methods.iter().filter_map(name);
+        let methods = methods.map(|name| Self { method: name.clone(), name, settings: Vec::new() });
+        methods.chain(variants.iter().cloned()).collect()
+    }
 }

@@ -8,6 +8,7 @@ mod predict;
 mod render;
 mod report;
 mod scene;
+mod stress;
 mod synth;
 mod train;
 mod values;
@@ -24,6 +25,7 @@ pub use predict::PredictArgs;
 pub use render::{Animation, Cameras, RenderArgs, UpAxis};
 pub use report::ReportArgs;
 pub use scene::{InfoArgs, SceneArgs};
+pub use stress::StressArgs;
 pub use synth::SynthArgs;
 pub use train::{CapacityArg, MethodName, ObjectsArgs, TrainArgs};
 
@@ -59,6 +61,8 @@ pub enum Command {
     Report(ReportArgs),
     /// Compare methods, or variants of one, on scenes: quality, time, memory and bytes with their spread over seeds
     Bench(BenchArgs),
+    /// Find out where methods fail: one difficulty at a time, in shape, texture, views, masks, cameras and pictures
+    Stress(StressArgs),
     /// Render meshes into a ShapeNet-style dataset with images, masks, depth, cameras and ground truth
     Synth(SynthArgs),
     /// Write the network of a run as safetensors, with PyTorch names and layout

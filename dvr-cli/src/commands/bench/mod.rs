@@ -1,20 +1,18 @@
 //! `dvr bench`: methods side by side on the same scenes, on the same machine, with their spread over seeds.
-//!
-//! Each run is a process of its own, the very command that a user would give: nothing is warm, and its time is its time.
 
 mod charts;
-mod machine;
+pub(super) mod machine;
 mod results;
 mod table;
 
 use std::path::{Path, PathBuf};
-use std::process::{Command, ExitCode, Stdio};
-use std::time::Instant;
+use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
 use dvr_core::files::write_bytes_atomically;
-use dvr_train::{Observer, RunFolder, RunMetrics};
+use dvr_train::{Observer, RunFolder};
 
+use super::job::{Ended, Job, once};
 use crate::args::{BenchArgs, Variant};
 use crate::progress::Progress;
 use results::{Outcome, Results};
@@ -105,33 +103,21 @@ impl Run<'_> {
     /// What the run came to: carried out now, unless its figures are there already.
     fn outcome(&self, args: &BenchArgs) -> Result<Outcome> {
         let folder = RunFolder::new(args.out.join("runs").join(&self.folder));
-        let figures = args.out.join("runs").join(format!("{}.json", self.folder));
-        if let Ok(text) = std::fs::read_to_string(&figures) {
-            return serde_json::from_str(&text).with_context(|| format!("{} is damaged; remove it", figures.display()));
-        }
-        let start = Instant::now();
-        let mut command = Command::new(std::env::current_exe().context("this program cannot be started again")?);
-        command.arg("train").arg(self.scene).arg("--out").arg(folder.root()).args(["--overwrite", "--no-report"]);
-        command.args(["--method", &self.variant.method, "--seed", &self.seed.to_string()]);
-        if self.variant.method != "hull" {
-            command.args(["--supervision", &self.supervision]);
-        }
-        command.args(self.variant.settings.iter().flat_map(|setting| ["--set", setting.as_str()]));
-        if let Some(time) = args.time {
-            command.args(["--time", &format!("{}s", time.as_secs_f64())]);
-        }
-        let output = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped()).output()?;
-        let seconds = start.elapsed().as_secs_f64();
-        // A run without a mesh leaves its figures and says so by its exit code; what else fails leaves none.
-        let metrics = std::fs::read_to_string(folder.metrics_json()).ok();
-        let metrics: Option<RunMetrics> = metrics.and_then(|text| serde_json::from_str(&text).ok());
-        let Some(metrics) = metrics else {
-            let said = String::from_utf8_lossy(&output.stderr);
-            let last = said.lines().last().unwrap_or("nothing was said");
-            bail!("{} did not get through: {last}", self.folder);
-        };
-        let outcome = Outcome::new(self.name, &self.variant.name, &self.supervision, seconds, &metrics);
-        write_bytes_atomically(&figures, serde_json::to_string_pretty(&outcome)?.as_bytes())?;
-        Ok(outcome)
+        once(&args.out.join("runs").join(format!("{}.json", self.folder)), || {
+            let job = Job {
+                scene: self.scene,
+                folder: &folder,
+                variant: &self.variant,
+                supervision: &self.supervision,
+                seed: self.seed,
+                time: args.time,
+            };
+            match job.run()? {
+                Ended::Measured { metrics, seconds } => {
+                    Ok(Outcome::new(self.name, &self.variant.name, &self.supervision, seconds, &metrics))
+                }
+                Ended::Failed { said, .. } => bail!("{} did not get through: {said}", self.folder),
+            }
+        })
     }
 }

@@ -1,0 +1,94 @@
+//! Trainings as processes of their own, the very commands that a user would give: nothing is warm, their time is theirs, and
+//! whatever becomes of one does not end the others. What is done is stored and not done again.
+
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result};
+use dvr_core::files::write_bytes_atomically;
+use dvr_train::{RunFolder, RunMetrics};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+use crate::args::Variant;
+
+/// A training that is to be carried out.
+pub struct Job<'a> {
+    /// The scene.
+    pub scene: &'a Path,
+    /// Where it goes; what is there is replaced.
+    pub folder: &'a RunFolder,
+    /// How to reconstruct.
+    pub variant: &'a Variant,
+    /// What teaches it.
+    pub supervision: &'a str,
+    /// Seed of all random choices.
+    pub seed: u64,
+    /// When to stop training.
+    pub time: Option<Duration>,
+}
+
+/// How a training ended.
+pub enum Ended {
+    /// With figures, though perhaps without a mesh.
+    Measured {
+        /// The figures.
+        metrics: Box<RunMetrics>,
+        /// Wall seconds from the start of the program to its end.
+        seconds: f64,
+    },
+    /// Without.
+    Failed {
+        /// The last line that it said.
+        said: String,
+        /// Its exit code; `None` where a signal ended it.
+        code: Option<i32>,
+    },
+}
+
+impl Job<'_> {
+    /// Carries the training out.
+    pub fn run(&self) -> Result<Ended> {
+        let start = Instant::now();
+        let mut command = Command::new(std::env::current_exe().context("this program cannot be started again")?);
+        command.arg("train").arg(self.scene).arg("--out").arg(self.folder.root()).args(["--overwrite", "--no-report"]);
+        command.args(["--method", &self.variant.method, "--seed", &self.seed.to_string()]);
+        if self.variant.method != "hull" {
+            command.args(["--supervision", self.supervision]);
+        }
+        command.args(self.variant.settings.iter().flat_map(|setting| ["--set", setting.as_str()]));
+        if let Some(time) = self.time {
+            command.args(["--time", &format!("{}s", time.as_secs_f64())]);
+        }
+        let output = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped()).output()?;
+        let seconds = start.elapsed().as_secs_f64();
+        // A run without a mesh leaves its figures and says so by its exit code; what else fails leaves none.
+        let metrics = std::fs::read_to_string(self.folder.metrics_json()).ok();
+        let metrics: Option<RunMetrics> = metrics.and_then(|text| serde_json::from_str(&text).ok());
+        Ok(match metrics {
+            Some(metrics) => Ended::Measured { metrics: Box::new(metrics), seconds },
+            None => {
+                let said = String::from_utf8_lossy(&output.stderr);
+                let said = said.lines().last().unwrap_or("nothing was said").to_owned();
+                Ended::Failed { said, code: output.status.code() }
+            }
+        })
+    }
+}
+
+/// What is stored at `path`, or else what `make` gives, stored there.
+pub fn once<T: Serialize + DeserializeOwned>(path: &Path, make: impl FnOnce() -> Result<T>) -> Result<T> {
+    if let Some(stored) = stored(path)? {
+        return Ok(stored);
+    }
+    let made = make()?;
+    write_bytes_atomically(path, serde_json::to_string_pretty(&made)?.as_bytes())?;
+    Ok(made)
+}
+
+/// What is stored at `path`, if anything is.
+pub fn stored<T: DeserializeOwned>(path: &Path) -> Result<Option<T>> {
+    let Ok(text) = std::fs::read_to_string(path) else { return Ok(None) };
+    serde_json::from_str(&text).map(Some).with_context(|| format!("{} is damaged; remove it", path.display()))
+}

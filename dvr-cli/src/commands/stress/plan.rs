@@ -1,0 +1,119 @@
+//! Which cells there are, and how long those take that are missing.
+
+use std::fmt;
+use std::path::Path;
+
+use anyhow::Result;
+use dvr_stress::Axis;
+
+use super::task::Task;
+use crate::args::{StressArgs, Variant};
+
+/// All cells: of each scene the hull first, so that the others can be compared with it.
+pub fn plan<'a>(args: &StressArgs, axes: &'a [Axis], out: &'a Path) -> Vec<Task<'a>> {
+    let mut variants = args.variants();
+    variants.sort_by_key(|variant| variant.name != "hull");
+    let mut tasks = Vec::new();
+    for axis in axes {
+        let difficulties = if args.full { axis.difficulties } else { axis.quick };
+        for &difficulty in difficulties {
+            let rules =
+                Task::rules().map(|name| Variant { name: name.into(), method: String::new(), settings: vec![] });
+            let tried = if axis.case(difficulty).is_some() { &variants[..] } else { &rules[..] };
+            for seed in 0..args.seeds() {
+                tasks.extend(tried.iter().map(|variant| Task {
+                    axis,
+                    difficulty,
+                    seed,
+                    variant: variant.clone(),
+                    out,
+                }));
+            }
+        }
+    }
+    tasks
+}
+
+/// Seconds that a cell of a method takes on two cores, where none has been measured.
+fn usual_seconds(method: &str) -> f64 {
+    match method {
+        "hull" => 3.0,
+        "fast" => 6.0,
+        "network" => 110.0,
+        "classic" => 140.0,
+        _ => 0.0,
+    }
+}
+
+/// How long it will take.
+pub struct Estimate {
+    cells: usize,
+    missing: usize,
+    seconds: f64,
+}
+
+impl Estimate {
+    /// By what cells of the same method took that are there already, or what they usually take.
+    pub fn of(tasks: &[Task]) -> Result<Self> {
+        let mut measured: Vec<(&str, f64)> = Vec::new();
+        let mut missing = Vec::new();
+        for task in tasks {
+            match task.seconds()? {
+                Some(seconds) => measured.push((&task.variant.name, seconds)),
+                None => missing.push(task),
+            }
+        }
+        let expected = |variant: &Variant| {
+            let own = measured.iter().filter(|(name, _)| *name == variant.name).map(|(_, seconds)| seconds);
+            let (sum, count) = own.fold((0.0, 0), |(sum, count), seconds| (sum + seconds, count + 1));
+            if count > 0 { sum / f64::from(count) } else { usual_seconds(&variant.method) }
+        };
+        let seconds = missing.iter().map(|task| expected(&task.variant)).sum();
+        Ok(Self { cells: tasks.len(), missing: missing.len(), seconds })
+    }
+}
+
+impl fmt::Display for Estimate {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { cells, missing, seconds } = self;
+        if *missing == 0 {
+            return write!(f, "{cells} cells, all of them there already");
+        }
+        let time = match seconds {
+            s if *s < 90.0 => format!("{s:.0} seconds"),
+            s if *s < 5400.0 => format!("{:.0} minutes", s / 60.0),
+            s => format!("{:.1} hours", s / 3600.0),
+        };
+        write!(f, "{cells} cells, {} of them there already; the rest takes about {time}", cells - missing)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use dvr_stress::axes;
+
+    use super::*;
+
+    fn args(full: bool) -> StressArgs {
+        StressArgs { out: None, axis: vec![], methods: vec![], variant: vec![], seeds: None, full, list: false }
+    }
+
+    #[test]
+    fn the_quick_set_is_minutes_and_the_full_one_says_that_it_is_hours() {
+        let folder = tempfile::tempdir().unwrap();
+        let axes = axes();
+        let estimate = |full: bool| Estimate::of(&plan(&args(full), &axes, folder.path())).unwrap();
+        let (quick, full) = (estimate(false), estimate(true));
+        assert!(quick.seconds < 3600.0 && quick.to_string().contains("minutes"), "{quick}");
+        assert!(full.seconds > 10.0 * quick.seconds && full.to_string().contains("hours"), "{full}");
+    }
+
+    #[test]
+    fn the_hull_comes_before_what_is_compared_with_it() {
+        let axes = axes();
+        let args =
+            StressArgs { methods: vec![crate::args::MethodName::Fast, crate::args::MethodName::Hull], ..args(false) };
+        let tasks = plan(&args, &axes[..1], Path::new("nowhere"));
+        assert_eq!([&tasks[0], &tasks[1]].map(|task| task.variant.name.as_str()), ["hull", "fast"]);
+    }
+}

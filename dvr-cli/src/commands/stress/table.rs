@@ -1,0 +1,140 @@
+//! The table: first where each method breaks, then axis by axis.
+
+use std::fmt::Write;
+
+use dvr_stress::{Axis, BreakPoint, Case, Cell, Kind, Verdict, break_point};
+
+use super::results::{Results, group_name};
+
+/// Markdown.
+pub fn markdown(results: &Results, axes: &[Axis]) -> String {
+    let machine = &results.machine;
+    let mut text = format!(
+        "{}, {} threads, {}. Each cell: Chamfer-L1 of what at least two views see, in pixels' footprints above what the true \
+         surface scores when it is sampled twice (median over seeds); **bold** and with its reason where it is not solved.\n",
+        machine.processor, machine.threads, machine.program
+    );
+    let (scenes, gradients): (Vec<&Axis>, Vec<&Axis>) =
+        axes.iter().partition(|axis| matches!(axis.kind, Kind::Scene(_)));
+    for axes in [scenes, gradients].into_iter().filter(|axes| !axes.is_empty()) {
+        let methods = methods(&results.cells, &axes);
+        break_points(&mut text, results, &axes, &methods);
+        for axis in axes {
+            one_axis(&mut text, results, axis, &methods);
+        }
+    }
+    text
+}
+
+/// The methods on these axes, in the order in which they first appear.
+fn methods<'a>(cells: &'a [Cell], axes: &[&Axis]) -> Vec<&'a str> {
+    let mut methods: Vec<&str> = Vec::new();
+    for cell in cells.iter().filter(|cell| axes.iter().any(|axis| axis.name == cell.axis)) {
+        if !methods.contains(&cell.method.as_str()) {
+            methods.push(&cell.method);
+        }
+    }
+    methods
+}
+
+fn break_points(text: &mut String, results: &Results, axes: &[&Axis], methods: &[&str]) {
+    let _ = writeln!(text, "\n| breaks at | unit | tried | {} |", methods.join(" | "));
+    let _ = writeln!(text, "|{}", "---|".repeat(3 + methods.len()));
+    for axis in axes {
+        let points: Vec<String> = methods
+            .iter()
+            .map(|method| {
+                let own: Vec<&Cell> = cells(results, axis, method).collect();
+                if own.is_empty() { String::new() } else { point(break_point(axis.difficulties, own.iter().copied())) }
+            })
+            .collect();
+        let tried: Vec<String> = tried(results, axis).into_iter().map(Axis::label).collect();
+        let _ = writeln!(text, "| {} | {} | {} | {} |", axis.name, axis.unit, tried.join(", "), points.join(" | "));
+    }
+}
+
+/// Where a method breaks, in words.
+fn point(point: BreakPoint) -> String {
+    match (point.holds, point.breaks) {
+        (_, None) => "holds".into(),
+        (None, Some(_)) => "at once".into(),
+        (Some(holds), Some(breaks)) => format!("{} (holds {})", Axis::label(breaks), Axis::label(holds)),
+    }
+}
+
+/// Difficulties of which there are cells.
+fn tried(results: &Results, axis: &Axis) -> Vec<f64> {
+    let has = |d: &f64| results.cells.iter().any(|cell| cell.axis == axis.name && cell.difficulty == *d);
+    axis.difficulties.iter().copied().filter(has).collect()
+}
+
+fn cells<'a>(results: &'a Results, axis: &Axis, method: &str) -> impl Iterator<Item = &'a Cell> {
+    results.cells.iter().filter(move |cell| cell.axis == axis.name && cell.method == method)
+}
+
+fn one_axis(text: &mut String, results: &Results, axis: &Axis, methods: &[&str]) {
+    let _ = writeln!(text, "\n### {} ({})\n\n{}.\n", axis.name, group_name(axis.group), axis.what);
+    let _ = writeln!(text, "| {} | {} |", axis.unit, methods.join(" | "));
+    let _ = writeln!(text, "|{}", "---|".repeat(1 + methods.len()));
+    for difficulty in tried(results, axis) {
+        let case = axis.case(difficulty);
+        let columns: Vec<String> = methods
+            .iter()
+            .map(|method| {
+                let own: Vec<&Cell> = cells(results, axis, method).filter(|c| c.difficulty == difficulty).collect();
+                entry(&own, case.as_ref())
+            })
+            .collect();
+        let _ = writeln!(text, "| {} | {} |", Axis::label(difficulty), columns.join(" | "));
+    }
+}
+
+/// The median over seeds, and what became of those that are not solved.
+fn entry(cells: &[&Cell], case: Option<&Case>) -> String {
+    let figure = |cell: &&Cell| match (&cell.figures, case) {
+        (Some(figures), Some(case)) => Some((cell.value? - figures.floor) / case.footprint()),
+        _ => cell.value,
+    };
+    let mut values: Vec<f64> = cells.iter().filter_map(figure).collect();
+    values.sort_by(f64::total_cmp);
+    let value = values.get(values.len() / 2).map(|value| format!("{value:.3}"));
+    let mut reasons: Vec<&str> =
+        cells.iter().filter(|cell| cell.verdict != Verdict::Solved).map(|cell| cell.verdict.name()).collect();
+    let failed = reasons.len();
+    reasons.dedup();
+    let share = if cells.len() > 1 && failed > 0 { format!(" ({failed} of {})", cells.len()) } else { String::new() };
+    match (value, failed) {
+        (_, _) if cells.is_empty() => String::new(),
+        (Some(value), 0) => value,
+        (Some(value), _) => format!("**{value}** {}{share}", reasons.join(", ")),
+        (None, _) => format!("**{}**{share}", reasons.join(", ")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use dvr_stress::{Figures, axes};
+
+    use super::super::super::bench::machine;
+    use super::*;
+
+    fn cell(method: &str, difficulty: f64, verdict: Verdict, value: Option<f64>) -> Cell {
+        let figures = value.map(|_| Figures { floor: 0.002, ..Figures::default() });
+        Cell { axis: "views".into(), difficulty, method: method.into(), seed: 0, verdict, value, figures, note: None }
+    }
+
+    #[test]
+    fn the_table_says_what_failed_and_where_it_breaks() {
+        let cells = vec![
+            cell("fast", 24.0, Verdict::Solved, Some(0.002)),
+            cell("fast", 6.0, Verdict::Inaccurate, Some(0.1)),
+            cell("hull", 24.0, Verdict::Empty, None),
+        ];
+        let results = Results { machine: machine::describe(), cells };
+        let axes: Vec<Axis> = axes().into_iter().filter(|axis| axis.name == "views").collect();
+        let text = markdown(&results, &axes);
+        assert!(text.contains("| views | views | 24, 6 | 6 (holds 24) | at once |"), "{text}");
+        assert!(text.contains("| 24 | 0.000 | **empty** |"), "{text}");
+        assert!(text.contains("inaccurate |  |"), "{text}");
+    }
+}

@@ -1,0 +1,42 @@
+//! `dvr stress`: where methods fail.
+
+mod support;
+
+use support::{Tiny, dvr, refuses, succeeds, text};
+
+#[test]
+fn cells_are_judged_and_not_tried_twice() {
+    let tiny = Tiny::new();
+    let out = tiny.path("stress");
+    let stress = || dvr(&["stress", "--axis", "texture-lies,gradient-scale", "--methods", "hull", "--out", text(&out)]);
+    let table = succeeds(&stress());
+    for line in ["| breaks at |", "texture-lies", "scale-free", "**"] {
+        assert!(table.contains(line), "{line} in\n{table}");
+    }
+    let read = |name: &str| std::fs::read_to_string(out.join(name)).unwrap();
+    let (results, csv) = (read("results.json"), read("results.csv"));
+    let cells = serde_json::from_str::<serde_json::Value>(&results).unwrap()["cells"].as_array().unwrap().len();
+    assert_eq!(cells, 2 + 2 * 6, "two scenes, and six scales under two rules");
+    assert_eq!(csv.lines().count(), 1 + cells);
+    assert!(out.join("scenes/texture-lies.16.0/cameras.npz").is_file(), "the scene is there to be looked at");
+    // A cell that is there is taken as it is, one that is gone is tried again and comes out the same.
+    std::fs::remove_file(out.join("cells/texture-lies.4.0.hull.json")).unwrap();
+    let again = stress();
+    let said = String::from_utf8_lossy(&again.stderr).into_owned();
+    assert!(said.contains("14 cells, 13 of them there already"), "{said}");
+    succeeds(&again);
+    assert_eq!(read("results.json"), results);
+
+    std::fs::write(out.join("cells/texture-lies.4.0.hull.json"), "{").unwrap();
+    refuses(&stress(), &["texture-lies.4.0.hull.json is damaged"]);
+}
+
+#[test]
+fn axes_are_listed_and_unknown_ones_refused() {
+    let listed = succeeds(&dvr(&["stress", "--list"]));
+    for axis in ["rod-radius (shape)", "camera-rotation (cameras)", "4, 2, 1, 0.5, 0.25, 0.1 pixels"] {
+        assert!(listed.contains(axis), "{axis} in\n{listed}");
+    }
+    assert_eq!(succeeds(&dvr(&["stress", "--list", "--axis", "masks"])).matches("(masks)").count(), 5);
+    refuses(&dvr(&["stress", "--out", "nowhere", "--axis", "no-such"]), &["no-such", "--list"]);
+}

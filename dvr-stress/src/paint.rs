@@ -1,0 +1,133 @@
+//! Textures: some that tell where a surface is, and some that do not.
+
+use std::f64::consts::TAU;
+use std::sync::Arc;
+
+use dvr_core::mesh::{Material, Mesh, TexturedMesh};
+use glam::{Vec2, Vec3};
+use image::{Rgba, RgbaImage};
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use crate::axis::usual_footprint;
+
+/// Texels along an object unit: some seven a pixel of the usual views.
+const TEXELS: u32 = 256;
+
+/// Cells of noise along an object unit: one in two and a half pixels.
+const NOISE_CELLS: usize = 15;
+
+/// What is painted on.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Paint {
+    /// Coloured noise whose amplitude is this share of all there can be; 0 is a flat grey.
+    Noise(f32),
+    /// The same wave over and over, with a period of so many pixels of the usual views.
+    Waves(f64),
+    /// Black and white squares of so many pixels, projected along a direction: across edges as if they were not there.
+    Squares(f64, Vec3),
+}
+
+/// A mesh with a texture on all of it.
+pub(crate) fn painted(mesh: Mesh, paint: Paint) -> TexturedMesh {
+    let uv: Box<dyn Fn(Vec3, Vec3) -> Vec2> = match paint {
+        Paint::Squares(_, direction) => {
+            let (right, up) = direction.any_orthonormal_pair();
+            Box::new(move |place, _| Vec2::new(place.dot(right), place.dot(up)))
+        }
+        _ => Box::new(boxed),
+    };
+    let scale = match paint {
+        Paint::Noise(_) => 1.0,
+        // A tile is one period: a wave, or two squares.
+        Paint::Waves(pixels) => (1.0 / (pixels * usual_footprint())) as f32,
+        Paint::Squares(pixels, _) => (1.0 / (2.0 * pixels * usual_footprint())) as f32,
+    };
+    let corner_uvs = (0..mesh.faces.len())
+        .map(|face| {
+            let corners = mesh.triangle(face);
+            let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
+            corners.map(|corner| scale * uv(corner, normal))
+        })
+        .collect();
+    let material = Material { base_color: [1.0; 3], texture: Some(Arc::new(texture(paint))) };
+    TexturedMesh { mesh, corner_uvs, face_materials: Vec::new(), materials: vec![material] }
+}
+
+/// Projects along the axis that the face looks along most; each axis has its own piece of the texture.
+fn boxed(place: Vec3, normal: Vec3) -> Vec2 {
+    let size = normal.abs();
+    if size.x >= size.y && size.x >= size.z {
+        Vec2::new(place.y + 0.13, place.z + 0.71)
+    } else if size.y >= size.z {
+        Vec2::new(place.z + 0.37, place.x + 0.29)
+    } else {
+        Vec2::new(place.x + 0.83, place.y + 0.53)
+    }
+}
+
+fn texture(paint: Paint) -> RgbaImage {
+    let byte = |value: f64| (255.0 * value.clamp(0.0, 1.0)).round() as u8;
+    let unit = |texel: u32| (f64::from(texel) + 0.5) / f64::from(TEXELS);
+    match paint {
+        Paint::Noise(contrast) => noise(contrast.into()),
+        Paint::Waves(_) => RgbaImage::from_fn(TEXELS, TEXELS, |u, v| {
+            let wave = |phase: f64| 0.5 + 0.4 * (TAU * unit(u) + phase).sin() * (TAU * unit(v) + 2.0 * phase).sin();
+            let [r, g, b] = [0.0, 1.0, 2.0].map(|phase| byte(wave(phase)));
+            Rgba([r, g, b, 255])
+        }),
+        Paint::Squares(..) => RgbaImage::from_fn(TEXELS, TEXELS, |u, v| {
+            let value = if (unit(u) < 0.5) == (unit(v) < 0.5) { 0.9 } else { 0.15 };
+            Rgba([byte(value), byte(value), byte(value), 255])
+        }),
+    }
+}
+
+/// Smooth noise that repeats after a unit: random colours on a grid, interpolated.
+fn noise(contrast: f64) -> RgbaImage {
+    let mut rng = ChaCha8Rng::seed_from_u64(11);
+    let grid: Vec<[f64; 3]> = (0..NOISE_CELLS * NOISE_CELLS).map(|_| rng.random()).collect();
+    let at = |x: usize, y: usize| grid[(y % NOISE_CELLS) * NOISE_CELLS + x % NOISE_CELLS];
+    RgbaImage::from_fn(TEXELS, TEXELS, |u, v| {
+        let [x, y] = [u, v].map(|texel| (f64::from(texel) + 0.5) / f64::from(TEXELS) * NOISE_CELLS as f64);
+        let smooth = |t: f64| t * t * (3.0 - 2.0 * t);
+        let (s, t) = (smooth(x.fract()), smooth(y.fract()));
+        let (i, j) = (x as usize, y as usize);
+        let [r, g, b] = [0, 1, 2].map(|c| {
+            let row = |j: usize| at(i, j)[c] * (1.0 - s) + at(i + 1, j)[c] * s;
+            let value = 0.5 + contrast * 0.9 * (row(j) * (1.0 - t) + row(j + 1) * t - 0.5);
+            (255.0 * value.clamp(0.0, 1.0)).round() as u8
+        });
+        Rgba([r, g, b, 255])
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use dvr_core::mesh::shapes::cuboid;
+
+    use super::*;
+
+    fn spread(texture: &RgbaImage) -> u8 {
+        let values = || texture.pixels().map(|pixel| pixel.0[0]);
+        values().max().unwrap() - values().min().unwrap()
+    }
+
+    #[test]
+    fn noise_has_the_contrast_that_was_asked_for() {
+        assert_eq!(spread(&texture(Paint::Noise(0.0))), 0);
+        let (weak, strong) = (spread(&texture(Paint::Noise(0.1))), spread(&texture(Paint::Noise(1.0))));
+        assert!((15..=23).contains(&weak) && strong > 200, "{weak} {strong}");
+    }
+
+    #[test]
+    fn a_pattern_repeats_after_as_many_pixels_as_it_says() {
+        let mesh = cuboid(Vec3::splat(-0.3), Vec3::splat(0.3));
+        for (paint, period) in [(Paint::Waves(8.0), 8.0), (Paint::Squares(4.0, Vec3::Z), 8.0)] {
+            let painted = painted(mesh.clone(), paint);
+            // Edges of length 0.6 run along one axis of the texture each.
+            let longest = painted.corner_uvs.iter().map(|[a, b, _]| (*a - *b).abs().max_element()).fold(0.0, f32::max);
+            assert!((f64::from(longest) * period * usual_footprint() - 0.6).abs() < 1e-5, "{longest}");
+        }
+    }
+}
