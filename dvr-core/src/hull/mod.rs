@@ -9,12 +9,14 @@ mod consistency;
 mod distance;
 mod normalisation;
 mod silhouette;
+mod wrong_masks;
 
 use glam::DVec3;
 
 pub use consistency::silhouette_consistency;
 pub use distance::{MaskDistance, hull_distance};
 pub use normalisation::{Normalisation, normalisation};
+pub use wrong_masks::wrong_masks;
 
 use crate::camera::Camera;
 use crate::error::{Error, Result};

@@ -77,6 +77,8 @@ pub enum Capacity {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum DisagreeingViews {
+    /// One in twenty, of the views that are left when those are taken out whose masks show something else.
+    Auto,
     /// One in so many.
     OneIn(usize),
     /// So many.
@@ -87,6 +89,7 @@ impl DisagreeingViews {
     /// The number, of so many views.
     pub fn of(self, views: usize) -> usize {
         match self {
+            Self::Auto => views / 20,
             Self::OneIn(n) => views / n.max(1),
             Self::Exactly(n) => n,
         }
@@ -187,7 +190,7 @@ impl FastConfig {
             color_coarseness: 2,
             compared_views: 2,
             neighbours: 6,
-            disagreeing_views: DisagreeingViews::OneIn(20),
+            disagreeing_views: DisagreeingViews::Auto,
             hold_out_every: 8,
         }
     }

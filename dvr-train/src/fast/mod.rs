@@ -11,6 +11,7 @@ mod start;
 mod state;
 mod trainer;
 mod views;
+mod wrong_masks;
 
 pub use clock::{Part, PartTimes};
 pub use config::{Capacity, DisagreeingViews, FastConfig, FastLosses};

@@ -17,6 +17,7 @@ use super::scatter::{gather_color, gather_shape};
 use super::start::{add_hull_detail, hull_start};
 use super::state;
 use super::views::{FastView, PixelOrder, mix};
+use super::wrong_masks::leave_out_wrong_masks;
 use crate::checkpoint::LearnerState;
 use crate::error::{Error, Result};
 use crate::learner::Learner;
@@ -64,8 +65,9 @@ impl<'a> FastTrainer<'a> {
     ///
     /// # Errors
     /// When the configuration does not make sense, or the masks show no object.
-    pub fn new(views: ViewSplit<'a>, config: FastConfig) -> Result<Self> {
+    pub fn new(mut views: ViewSplit<'a>, config: FastConfig) -> Result<Self> {
         config.check()?;
+        let notes = leave_out_wrong_masks(&mut views, &config)?;
         let masks: Vec<MaskDistance> =
             views.train.par_iter().map(|view| MaskDistance::new(&view.camera, &view.mask)).collect();
         let packed = FastView::pack(&views.train, config.neighbours);
@@ -107,7 +109,7 @@ impl<'a> FastTrainer<'a> {
             rays_drawn: 0,
             growth,
             finished: false,
-            notes: Vec::new(),
+            notes,
             times: PartTimes::default(),
         })
     }
