@@ -7,6 +7,7 @@ use glam::Vec3;
 
 use crate::bake::bake_colors;
 use crate::error::{Error, Result};
+use crate::pieces::drop_unshown;
 
 /// Where the vertex colours of a mesh come from.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -30,7 +31,8 @@ pub struct MeshOptions {
 }
 
 /// Extracts the mesh of a field, in object space, with vertex colours and, where there are `views`, how well these see
-/// its vertices; `seeds` are points near the surface, and `views` the photographs that may colour it.
+/// its vertices; `seeds` are points near the surface, and `views` the photographs that may colour it. Pieces below the
+/// settings' smallest share stay where photographs show them.
 ///
 /// # Errors
 /// When the field has no surface in the cube; the message says what to try.
@@ -40,8 +42,13 @@ pub fn object_mesh(
     seeds: &[Vec3],
     views: &[&View],
 ) -> Result<Extraction> {
-    let extracted = extract_mesh(field, &options.extraction, seeds);
+    // Small pieces are dropped where no photograph shows them, which the field cannot know.
+    let all = ExtractSettings { min_component_share: 0.0, ..options.extraction.clone() };
+    let extracted = extract_mesh(field, &all, seeds);
     let mut extracted = extracted.map_err(|e| Error::NoMesh(e.to_string()))?;
+    let dropped = drop_unshown(&mut extracted.mesh, options.extraction.min_component_share, views);
+    extracted.dropped_components += dropped;
+    extracted.components -= dropped;
     if options.max_simplification > 0.0 {
         extracted.mesh = extracted.mesh.simplified(options.max_simplification);
     }

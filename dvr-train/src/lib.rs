@@ -56,6 +56,7 @@ mod model;
 mod objective;
 mod objects;
 mod original_config;
+mod pieces;
 mod predict;
 pub mod preview;
 mod resources;

@@ -9,8 +9,8 @@ use dvr_core::mesh::{Mesh, read_mesh};
 use dvr_core::{Scene, View};
 use dvr_render::{MeshShader, Shader};
 use dvr_train::{
-    Checkpoint, Error, FastConfig, Method, Model, Observer, ShapeEvaluation, Supervision, ViewEvaluation, ViewSplit,
-    evaluate_shape, evaluate_views, judging_views, object_mesh, surface_points,
+    Checkpoint, ColorSource, Error, FastConfig, MeshOptions, Method, Model, Observer, ShapeEvaluation, Supervision,
+    ViewEvaluation, ViewSplit, evaluate_shape, evaluate_views, judging_views, object_mesh, surface_points,
 };
 use serde::Serialize;
 
@@ -84,7 +84,9 @@ fn of_run(args: &EvalArgs, checkpoint: &Checkpoint) -> Result<Report> {
     let model = Model::load(checkpoint, &args.backend.backend.device_for(&checkpoint.header.method)?)?;
     let split = ViewSplit::new(&scene, checkpoint.header.method.hold_out_every())?;
     let seeds = surface_points(model.thorough_shader().as_ref(), &split.train, 2_000);
-    let mesh = match object_mesh(&model, &mesh_options(&args.meshing, SCENE_RESOLUTION), &seeds, &[]) {
+    // Photographs tell which small pieces stay; colours are not looked at.
+    let options = MeshOptions { colors: ColorSource::Field, ..mesh_options(&args.meshing, SCENE_RESOLUTION) };
+    let mesh = match object_mesh(&model, &options, &seeds, &split.train) {
         Ok(extracted) => extracted.mesh,
         Err(Error::NoMesh(reason)) => {
             eprintln!("note: {reason}");
