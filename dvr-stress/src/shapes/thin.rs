@@ -21,7 +21,7 @@ pub(crate) fn plate(thickness: f64) -> Mesh {
 /// A blade whose two sides meet at this angle, in degrees. Its back is a flat face.
 pub(crate) fn wedge(degrees: f64) -> Mesh {
     let half_angle = 0.5 * degrees.to_radians() as f32;
-    let side = 0.6;
+    let side = 0.55;
     let (depth, half_back) = (side * half_angle.cos(), side * half_angle.sin());
     // Around its centroid, a third of the way from the back to the edge.
     let outline =
