@@ -75,8 +75,9 @@ impl Corpus {
     /// Steps and losses of a run, without the seconds.
     fn curve(&self, run: &str) -> Vec<Vec<String>> {
         let csv = self.read(&format!("{run}/metrics.csv"));
+        let names: Vec<&str> = csv.lines().next().unwrap().split(',').collect();
         let row = |line: &str| {
-            let cells = line.split(',').enumerate().filter(|(column, _)| *column != 1);
+            let cells = names.iter().zip(line.split(',')).filter(|(name, _)| !name.ends_with("seconds"));
             cells.map(|(_, cell)| cell.to_owned()).collect()
         };
         csv.lines().map(row).collect()

@@ -3,6 +3,9 @@
 //! The numbers come from [`dvr_kernels::interpolate`], or on a graphics processor from its own kernels. What a tensor version needs
 //! eight gathers and some thirty operations for, each with memory of its own, is one pass here; so is its gradient.
 
+// Upstream deprecates burn-ndarray; here it is a second opinion behind a feature.
+#![allow(deprecated)]
+
 use burn::backend::autodiff::checkpoint::base::Checkpointer;
 use burn::backend::autodiff::checkpoint::strategy::CheckpointStrategy;
 use burn::backend::autodiff::grads::Gradients;

@@ -77,14 +77,15 @@ impl Job<'_> {
     }
 }
 
-/// What is stored at `path`, or else what `make` gives, stored there.
+/// What is stored at `path`, or else what `make` gives, stored there. Either way it is what the file says: numbers may differ from
+/// those that were written in their last digit.
 pub fn once<T: Serialize + DeserializeOwned>(path: &Path, make: impl FnOnce() -> Result<T>) -> Result<T> {
     if let Some(stored) = stored(path)? {
         return Ok(stored);
     }
-    let made = make()?;
-    write_bytes_atomically(path, serde_json::to_string_pretty(&made)?.as_bytes())?;
-    Ok(made)
+    let text = serde_json::to_string_pretty(&make()?)?;
+    write_bytes_atomically(path, text.as_bytes())?;
+    Ok(serde_json::from_str(&text)?)
 }
 
 /// What is stored at `path`, if anything is.

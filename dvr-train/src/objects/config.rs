@@ -50,17 +50,18 @@ impl ObjectsConfig {
             views: 1,
             one_view: false,
             points: 512,
-            validate_objects: 32,
+            validate_objects: 40,
             train: TrainConfig {
-                steps: 2500,
+                steps: 9000,
                 model: DecoderConfig::new().with_code_dim(128).with_blocks(3).with_octaves(2),
                 hull: no_hull(&base),
                 rays: 64,
                 march: vec![MarchStage { from_percent: 0, samples: 16 }],
                 learning_rate: 1e-3,
+                milestones_percent: vec![55, 80],
                 hold_out_every: 0,
-                validate_every: 250,
-                checkpoint_every: 250,
+                validate_every: 600,
+                checkpoint_every: 300,
                 ..base
             },
         }
