@@ -40,7 +40,7 @@ pub struct ViewPictures {
     pub depth_range: Option<[f32; 2]>,
     /// Normals in the camera's frame as colours, clear around the object.
     pub normal: String,
-    /// Mean difference of the channels, up to [`LARGEST_ERROR`], clear where there is none.
+    /// Mean difference of the channels, up to a quarter of the range, clear where there is none.
     pub error: String,
     /// PSNR of these pictures, dB.
     pub psnr: f64,
