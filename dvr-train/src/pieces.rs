@@ -1,6 +1,6 @@
 //! Small loose pieces of a mesh: rubbish, unless photographs show them.
 
-use dvr_core::mesh::Mesh;
+use dvr_core::mesh::{Mesh, face_pieces};
 use dvr_core::{Bvh, Ray, View};
 use dvr_render::extract::drop_small_components;
 use glam::DVec3;
@@ -24,7 +24,8 @@ pub(crate) fn drop_unshown(mesh: &mut Mesh, min_share: f64, views: &[&View]) -> 
         return 0;
     }
     let of = |keep: &dyn Fn(usize) -> bool| {
-        let faces = mesh.faces.iter().zip(&labels).filter(|(_, label)| keep(**label)).map(|(face, _)| *face).collect();
+        let faces =
+            mesh.faces.iter().zip(&labels).filter(|(_, label)| keep(**label as usize)).map(|(face, _)| *face).collect();
         Mesh { faces, vertices: mesh.vertices.clone(), ..Mesh::default() }
     };
     let large = Bvh::new(&of(&|label| !is_small(label)));
@@ -40,45 +41,23 @@ pub(crate) fn drop_unshown(mesh: &mut Mesh, min_share: f64, views: &[&View]) -> 
 #[derive(Default)]
 struct Piece {
     area: f64,
-    /// Some of its vertices.
+    /// Middles of some of its faces.
     places: Vec<DVec3>,
 }
 
 /// The piece of each face, and all pieces.
-fn pieces(mesh: &Mesh) -> (Vec<usize>, Vec<Piece>) {
-    let mut parents: Vec<u32> = (0..mesh.vertices.len() as u32).collect();
-    for &[a, b, c] in &mesh.faces {
-        for (i, j) in [(a, b), (b, c)] {
-            let (i, j) = (root(&mut parents, i), root(&mut parents, j));
-            parents[i.max(j) as usize] = i.min(j);
-        }
-    }
-    let mut numbers = vec![usize::MAX; mesh.vertices.len()];
-    let (mut labels, mut pieces): (_, Vec<Piece>) = (Vec::with_capacity(mesh.faces.len()), Vec::new());
-    for (face, &[vertex, ..]) in mesh.faces.iter().enumerate() {
-        let number = &mut numbers[root(&mut parents, vertex) as usize];
-        if *number == usize::MAX {
-            *number = pieces.len();
-            pieces.push(Piece::default());
-        }
-        let piece = &mut pieces[*number];
+fn pieces(mesh: &Mesh) -> (Vec<u32>, Vec<Piece>) {
+    let (labels, count) = face_pieces(mesh.vertices.len(), &mesh.faces);
+    let mut pieces: Vec<Piece> = (0..count).map(|_| Piece::default()).collect();
+    for (face, &label) in labels.iter().enumerate() {
+        let piece = &mut pieces[label as usize];
         let [a, b, c] = mesh.triangle(face).map(|corner| corner.as_dvec3());
         piece.area += 0.5 * (b - a).cross(c - a).length();
         if piece.places.len() < PLACES {
             piece.places.push((a + b + c) / 3.0);
         }
-        labels.push(*number);
     }
     (labels, pieces)
-}
-
-fn root(parents: &mut [u32], mut vertex: u32) -> u32 {
-    while parents[vertex as usize] != vertex {
-        let above = parents[parents[vertex as usize] as usize];
-        parents[vertex as usize] = above;
-        vertex = above;
-    }
-    vertex
 }
 
 /// Whether enough views show object at these places that nothing large explains, and hardly any shows background.

@@ -8,6 +8,7 @@ mod io;
 mod mtl;
 mod obj;
 mod off;
+mod pieces;
 mod ply;
 mod polygon;
 pub mod shapes;
@@ -19,6 +20,7 @@ use std::sync::Arc;
 use glam::{Vec2, Vec3};
 
 pub use io::{read_mesh, read_mesh_with_warnings, write_mesh};
+pub use pieces::face_pieces;
 pub use topology::Topology;
 
 use crate::camera::Similarity;

@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use super::Mesh;
+use super::{Mesh, face_pieces};
 
 /// What the faces of a mesh say about its shape, whatever its vertices' places. Vertices that lie at one place are two.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -20,21 +20,17 @@ impl Topology {
     /// Of a mesh.
     pub fn of(mesh: &Mesh) -> Self {
         let mut balance: HashMap<(u32, u32), [u32; 2]> = HashMap::new();
-        let mut parents: Vec<u32> = (0..mesh.vertices.len() as u32).collect();
         let mut used = vec![false; mesh.vertices.len()];
         for &[a, b, c] in &mesh.faces {
             for (from, to) in [(a, b), (b, c), (c, a)] {
                 balance.entry((from.min(to), from.max(to))).or_default()[usize::from(from < to)] += 1;
                 used[from as usize] = true;
-                let (i, j) = (root(&mut parents, from), root(&mut parents, to));
-                parents[i.max(j) as usize] = i.min(j);
             }
         }
         let vertices = used.iter().filter(|&&used| used).count();
-        let pieces = (0..parents.len() as u32).filter(|&v| used[v as usize] && parents[v as usize] == v).count();
         Self {
             closed: !mesh.faces.is_empty() && balance.values().all(|sides| *sides == [1, 1]),
-            pieces,
+            pieces: face_pieces(mesh.vertices.len(), &mesh.faces).1,
             euler_characteristic: vertices as i64 - balance.len() as i64 + mesh.faces.len() as i64,
         }
     }
@@ -43,16 +39,6 @@ impl Topology {
     pub fn handles(&self) -> Option<i64> {
         self.closed.then(|| self.pieces as i64 - self.euler_characteristic / 2)
     }
-}
-
-/// The representative of a vertex's piece; halves the path to it.
-fn root(parents: &mut [u32], mut vertex: u32) -> u32 {
-    while parents[vertex as usize] != vertex {
-        let above = parents[parents[vertex as usize] as usize];
-        parents[vertex as usize] = above;
-        vertex = above;
-    }
-    vertex
 }
 
 #[cfg(test)]

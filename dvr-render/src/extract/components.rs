@@ -1,11 +1,11 @@
 //! Connected pieces of a mesh, and how to drop the small ones.
 
-use dvr_core::mesh::Mesh;
+use dvr_core::mesh::{Mesh, face_pieces};
 use glam::Vec3;
 
 /// How many pieces hang together by shared vertices.
 pub fn count_components(mesh: &Mesh) -> usize {
-    label_faces(mesh.vertices.len(), &mesh.faces).1
+    face_pieces(mesh.vertices.len(), &mesh.faces).1
 }
 
 /// Drops every connected piece whose area is below `min_share` of the largest piece's, and vertices that no face uses.
@@ -22,7 +22,7 @@ pub fn drop_small_components(mesh: &mut Mesh, min_share: f64) -> usize {
 
 /// Drops the faces of small pieces; how many pieces were kept, and how many dropped.
 pub(super) fn retain_large(vertices: &[Vec3], faces: &mut Vec<[u32; 3]>, min_share: f64) -> (usize, usize) {
-    let (labels, count) = label_faces(vertices.len(), faces);
+    let (labels, count) = face_pieces(vertices.len(), faces);
     let mut areas = vec![0.0; count];
     for (face, &label) in faces.iter().zip(&labels) {
         let [a, b, c] = face.map(|vertex| vertices[vertex as usize].as_dvec3());
@@ -49,40 +49,6 @@ pub(super) fn compact(faces: &mut [[u32; 3]], vertex_count: usize) -> Vec<u32> {
 /// The items at the given places.
 pub(super) fn select<T: Copy>(items: &[T], places: &[u32]) -> Vec<T> {
     places.iter().map(|&place| items[place as usize]).collect()
-}
-
-/// The number of each face's piece, counted in the order of the faces, and how many pieces there are.
-fn label_faces(vertex_count: usize, faces: &[[u32; 3]]) -> (Vec<u32>, usize) {
-    // Union-find with path halving; the smaller number is the root, so the result does not depend on the order.
-    let mut parents: Vec<u32> = (0..vertex_count as u32).collect();
-    for &[a, b, c] in faces {
-        for (i, j) in [(a, b), (b, c)] {
-            let (i, j) = (root(&mut parents, i), root(&mut parents, j));
-            parents[i.max(j) as usize] = i.min(j);
-        }
-    }
-    let mut numbers = vec![u32::MAX; vertex_count];
-    let mut count = 0;
-    let labels = faces
-        .iter()
-        .map(|face| {
-            let number = &mut numbers[root(&mut parents, face[0]) as usize];
-            if *number == u32::MAX {
-                *number = count;
-                count += 1;
-            }
-            *number
-        })
-        .collect();
-    (labels, count as usize)
-}
-
-fn root(parents: &mut [u32], mut vertex: u32) -> u32 {
-    while parents[vertex as usize] != vertex {
-        parents[vertex as usize] = parents[parents[vertex as usize] as usize];
-        vertex = parents[vertex as usize];
-    }
-    vertex
 }
 
 #[cfg(test)]
