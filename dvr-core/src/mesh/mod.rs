@@ -60,13 +60,7 @@ impl Mesh {
 
     /// Edges that are not shared by exactly two faces that wind the same way; a watertight mesh has none.
     pub fn open_edges(&self) -> usize {
-        // Each edge once from each side: sorted by its ends, the two lie together and go opposite ways.
-        let edge = |a: u32, b: u32| (a.min(b), a.max(b), a < b);
-        let mut edges: Vec<(u32, u32, bool)> =
-            self.faces.iter().flat_map(|&[a, b, c]| [edge(a, b), edge(b, c), edge(c, a)]).collect();
-        edges.sort_unstable();
-        let is_open = |sides: &&[(u32, u32, bool)]| !matches!(sides, [(.., false), (.., true)]);
-        edges.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)).filter(is_open).count()
+        Topology::of(self).open_edges
     }
 
     /// The mesh in the world of the files: positions through the similarity, normals rotated.

@@ -1,7 +1,5 @@
 //! Whether a mesh is a surface that encloses something, and how many handles it has.
 
-use std::collections::HashMap;
-
 use super::{Mesh, face_pieces};
 
 /// What the faces of a mesh say about its shape, whatever its vertices' places. Vertices that lie at one place are two.
@@ -10,6 +8,8 @@ pub struct Topology {
     /// Every edge belongs to exactly two faces, which run along it in opposite directions: the surface is watertight.
     /// A mesh without faces is not.
     pub closed: bool,
+    /// Edges that are not shared so.
+    pub open_edges: usize,
     /// Connected pieces.
     pub pieces: usize,
     /// `V - E + F` of the vertices that faces use: 2 for each sphere, 0 for each torus.
@@ -19,19 +19,24 @@ pub struct Topology {
 impl Topology {
     /// Of a mesh.
     pub fn of(mesh: &Mesh) -> Self {
-        let mut balance: HashMap<(u32, u32), [u32; 2]> = HashMap::new();
-        let mut used = vec![false; mesh.vertices.len()];
-        for &[a, b, c] in &mesh.faces {
-            for (from, to) in [(a, b), (b, c), (c, a)] {
-                balance.entry((from.min(to), from.max(to))).or_default()[usize::from(from < to)] += 1;
-                used[from as usize] = true;
-            }
+        // Each edge once from each side: sorted by its ends, the two lie together and go opposite ways.
+        let side = |a: u32, b: u32| (a.min(b), a.max(b), a < b);
+        let mut sides: Vec<(u32, u32, bool)> =
+            mesh.faces.iter().flat_map(|&[a, b, c]| [side(a, b), side(b, c), side(c, a)]).collect();
+        sides.sort_unstable();
+        let (mut edges, mut open_edges) = (0, 0);
+        for sides in sides.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)) {
+            edges += 1;
+            open_edges += usize::from(!matches!(sides, [(.., false), (.., true)]));
         }
+        let mut used = vec![false; mesh.vertices.len()];
+        mesh.faces.iter().flatten().for_each(|&vertex| used[vertex as usize] = true);
         let vertices = used.iter().filter(|&&used| used).count();
         Self {
-            closed: !mesh.faces.is_empty() && balance.values().all(|sides| *sides == [1, 1]),
+            closed: !mesh.faces.is_empty() && open_edges == 0,
+            open_edges,
             pieces: face_pieces(mesh.vertices.len(), &mesh.faces).1,
-            euler_characteristic: vertices as i64 - balance.len() as i64 + mesh.faces.len() as i64,
+            euler_characteristic: vertices as i64 - edges + mesh.faces.len() as i64,
         }
     }
 
