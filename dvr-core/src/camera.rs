@@ -199,6 +199,15 @@ impl Similarity {
         (self.rotation * direction.as_dvec3()).as_vec3()
     }
 
+    /// What `first` and then `self` do.
+    pub fn after(&self, first: &Self) -> Self {
+        Self {
+            scale: self.scale * first.scale,
+            rotation: (self.rotation * first.rotation).normalize(),
+            translation: self.transform_point(first.translation),
+        }
+    }
+
     /// The way back.
     pub fn inverse(&self) -> Self {
         let rotation = self.rotation.inverse();

@@ -39,6 +39,7 @@ mod raster;
 mod ray;
 pub mod sampling;
 mod scene;
+mod similarity_fit;
 mod srgb;
 pub mod synth;
 mod visibility;

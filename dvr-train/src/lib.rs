@@ -40,6 +40,7 @@
 mod adam;
 mod bake;
 mod batch;
+mod cameras;
 mod checkpoint;
 mod config;
 mod error;
@@ -67,6 +68,7 @@ mod validate;
 mod warm_start;
 
 pub use bake::bake_colors;
+pub use cameras::{RefinedCameras, refine_cameras};
 pub use batch::{PixelBatch, PixelSampling, Pixels};
 pub use checkpoint::{Best, CHECKPOINT_VERSION, Checkpoint, CheckpointHeader, LearnerState};
 pub use config::{HullUse, LossWeights, MarchStage, OccupancyPoint, Supervision, TrainConfig};

@@ -1,5 +1,6 @@
 //! How good a result is: [`shape`] against the true surface and volume, [`picture`] against photographs.
 
+pub mod alignment;
 pub mod picture;
 pub mod shape;
 

@@ -1,0 +1,72 @@
+//! A photograph as a smooth function of the pixel.
+
+use dvr_core::Picture;
+use glam::{DVec2, Vec3};
+use image::imageops;
+
+/// A photograph, blurred, with its slopes.
+#[derive(Clone, Debug)]
+pub(super) struct SmoothPhotograph {
+    width: u32,
+    height: u32,
+    colors: Vec<Vec3>,
+}
+
+/// A colour and its derivatives by the pixel's coordinates.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Sampled {
+    pub color: Vec3,
+    pub by_x: Vec3,
+    pub by_y: Vec3,
+}
+
+impl SmoothPhotograph {
+    /// Blurs with a Gaussian of so many pixels; 0 for none.
+    pub fn new(picture: &Picture, blur: f32) -> Self {
+        let (width, height) = picture.dimensions();
+        let as_float = image::ImageBuffer::from_fn(width, height, |u, v| {
+            image::Rgb(picture.get_pixel(u, v).0.map(|channel| f32::from(channel) / 255.0))
+        });
+        let blurred = if blur > 0.0 { imageops::blur(&as_float, blur) } else { as_float };
+        Self { width, height, colors: blurred.pixels().map(|pixel| Vec3::from(pixel.0)).collect() }
+    }
+
+    /// Bilinear between the centres of pixels; `None` beyond the outermost.
+    pub fn sample(&self, pixel: DVec2) -> Option<Sampled> {
+        let (x, y) = (pixel.x - 0.5, pixel.y - 0.5);
+        let inside = x >= 0.0 && y >= 0.0 && x < f64::from(self.width) - 1.0 && y < f64::from(self.height) - 1.0;
+        if !inside {
+            return None;
+        }
+        let (u, v) = (x as usize, y as usize);
+        let (s, t) = (x.fract() as f32, y.fract() as f32);
+        let row = self.width as usize;
+        let at = v * row + u;
+        let [a, b, c, d] = [at, at + 1, at + row, at + row + 1].map(|i| self.colors[i]);
+        let (top, bottom) = (a + (b - a) * s, c + (d - c) * s);
+        Some(Sampled { color: top + (bottom - top) * t, by_x: (b - a) + ((d - c) - (b - a)) * t, by_y: bottom - top })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use dvr_core::stored;
+    use image::{Rgb, RgbImage};
+
+    use super::*;
+
+    #[test]
+    fn a_ramp_has_its_colour_and_its_slope() {
+        let ramp = stored(RgbImage::from_fn(20, 10, |u, v| Rgb([(10 * u) as u8, (20 * v) as u8, 0])));
+        for blur in [0.0, 1.5] {
+            let photograph = SmoothPhotograph::new(&ramp, blur);
+            let found = photograph.sample(DVec2::new(9.25, 5.0)).unwrap();
+            let expected = Vec3::new(10.0 * 8.75, 20.0 * 4.5, 0.0) / 255.0;
+            assert!((found.color - expected).length() < 2e-3, "{found:?}");
+            assert!((found.by_x.x - 10.0 / 255.0).abs() < 1e-3 && (found.by_y.y - 20.0 / 255.0).abs() < 1e-3);
+        }
+        let photograph = SmoothPhotograph::new(&ramp, 0.0);
+        assert!(photograph.sample(DVec2::new(0.4, 5.0)).is_none());
+        assert!(photograph.sample(DVec2::new(19.6, 5.0)).is_none());
+    }
+}
