@@ -34,7 +34,9 @@ fn main() {
             _ => scenes.push(PathBuf::from(argument)),
         }
     }
-    println!("| scene | seed | degrees | % | exact | wrong | refined | recovered | cameras off, px | after | rounds | seconds |");
+    println!(
+        "| scene | seed | degrees | % | exact | wrong | refined | recovered | cameras off, px | after | rounds | seconds |"
+    );
     println!("|---|---|---|---|---|---|---|---|---|---|---|---|");
     for path in &scenes {
         let scene = read_scene(path, &ReadOptions::default()).expect("the scene is readable");
@@ -57,7 +59,8 @@ fn compare(scene: &Scene, seed: u64, exact: f64, degrees: f64, share: f64) {
     let rounds = refined.expect("the views can be trained on").expect("nobody interrupts").rounds;
     let seconds = start.elapsed().as_secs_f64();
     let found = chamfer(&wrong, seed);
-    let recovered = if degrees > 0.0 { format!("{:.0} %", 100.0 * (lost - found) / (lost - exact)) } else { String::new() };
+    let recovered =
+        if degrees > 0.0 { format!("{:.0} %", 100.0 * (lost - found) / (lost - exact)) } else { String::new() };
     println!(
         "| {} | {seed} | {degrees} | {} | {exact:.4} | {lost:.4} | {found:.4} | {recovered} | {off:.2} | {:.2} | {rounds} | {seconds:.1} |",
         scene.name,
@@ -82,7 +85,8 @@ fn disturb(camera: &mut Camera, degrees: f64, share: f64, rng: &mut ChaCha8Rng) 
 /// its cameras are nearest to the first's.
 fn distance(exact: &Scene, other: &Scene) -> f64 {
     let anchors = |scene: &Scene| -> Vec<DVec3> {
-        let anchors = |camera: &Camera| [camera.center(), camera.center() + camera.center().length() * camera.forward()];
+        let anchors =
+            |camera: &Camera| [camera.center(), camera.center() + camera.center().length() * camera.forward()];
         scene.views.iter().flat_map(|view| anchors(&view.camera)).collect()
     };
     let gauge = dvr_core::Similarity::between(&anchors(other), &anchors(exact)).unwrap_or_default();

@@ -5,10 +5,10 @@
 //! that the optimiser's moments find their parameters again); for a lattice field the compact field that
 //! `dvr_model::lattice_file` writes, and what training needs besides.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 
-use dvr_core::Similarity;
+use dvr_core::{Camera, Similarity};
 use safetensors::tensor::{Dtype, TensorView};
 use safetensors::{SafeTensors, serialize};
 use serde::{Deserialize, Serialize};
@@ -43,6 +43,9 @@ pub struct CheckpointHeader {
     pub object_to_world: Similarity,
     /// Views that were held out, by name.
     pub held_out: Vec<String>,
+    /// Cameras in object space that replace those of the files, by view: where they were refined.
+    #[serde(default)]
+    pub cameras: BTreeMap<String, Camera>,
     /// What was decided on the way and why, for people: how fine the field became, say.
     #[serde(default)]
     pub notes: Vec<String>,

@@ -158,6 +158,9 @@ pub struct TrainConfig {
     pub milestones_percent: Vec<u32>,
     /// See `milestones_percent`.
     pub learning_rate_factor: f64,
+    /// Rounds, at most, in which the cameras of a scene are moved to where they fit together before training; 0 believes the files.
+    #[serde(default)]
+    pub refine_cameras: usize,
     /// One view in this many is held out for validation where the dataset has no validation split; 0 trains on all.
     pub hold_out_every: usize,
     /// Steps between validations on held-out views.
@@ -208,6 +211,7 @@ impl TrainConfig {
             learning_rate: 3e-3,
             milestones_percent: vec![60, 85],
             learning_rate_factor: 0.3,
+            refine_cameras: 0,
             hold_out_every: 8,
             validate_every: 100,
             checkpoint_every: 100,

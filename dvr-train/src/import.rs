@@ -1,5 +1,6 @@
 //! From a checkpoint of the original to a run of ours.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use burn::module::{Module, ModuleVisitor, Param};
@@ -116,6 +117,7 @@ pub fn import(found: &mut PytorchCheckpoint, options: ImportOptions, device: &De
         reading: scene.reading,
         object_to_world: scene.object_to_world,
         held_out: Vec::new(),
+        cameras: BTreeMap::new(),
         notes: Vec::new(),
     };
     Ok(Checkpoint { header, state })

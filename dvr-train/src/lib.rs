@@ -68,8 +68,8 @@ mod validate;
 mod warm_start;
 
 pub use bake::bake_colors;
-pub use cameras::{RefinedCameras, refine_cameras};
 pub use batch::{PixelBatch, PixelSampling, Pixels};
+pub use cameras::{RefinedCameras, refine_cameras};
 pub use checkpoint::{Best, CHECKPOINT_VERSION, Checkpoint, CheckpointHeader, LearnerState};
 pub use config::{HullUse, LossWeights, MarchStage, OccupancyPoint, Supervision, TrainConfig};
 pub use error::{Error, Result};

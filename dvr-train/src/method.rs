@@ -47,6 +47,15 @@ impl Method {
         }
     }
 
+    /// Rounds in which cameras are refined before training.
+    pub fn refine_cameras(&self) -> usize {
+        match self {
+            Self::Lattice(config) => config.refine_cameras,
+            Self::Network(config) => config.refine_cameras,
+            Self::Objects(_) => 0,
+        }
+    }
+
     /// Weight of the loss against depth maps.
     pub fn depth_weight(&self) -> f64 {
         match self {

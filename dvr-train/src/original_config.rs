@@ -183,6 +183,7 @@ impl Keys {
             validate_every: self.count("training.validate_every", 2000)?,
             checkpoint_every: self.count("training.checkpoint_every", 200)?,
             // The original trains on every view and validates on the same.
+            refine_cameras: 0,
             hold_out_every: 0,
             model: decoder,
             ..base

@@ -1,5 +1,6 @@
 //! A training run from start to end: folder, checkpoints, validation, and what is written when it is over.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -8,6 +9,7 @@ use burn::tensor::Device;
 use dvr_core::Scene;
 use dvr_model::Decoder;
 
+use crate::cameras::RefinedCameras;
 use crate::checkpoint::{Best, CHECKPOINT_VERSION, Checkpoint, CheckpointHeader};
 use crate::config::TrainConfig;
 use crate::error::{Error, Result};
@@ -51,6 +53,11 @@ impl RunFolder {
     /// The field alone, compact: for lattice fields.
     pub fn scene_file(&self) -> PathBuf {
         self.root.join("scene.dvr")
+    }
+
+    /// The refined cameras, as nerfstudio's `transforms.json`, in the scene's own coordinates.
+    pub fn cameras(&self) -> PathBuf {
+        self.root.join("cameras.json")
     }
 
     /// The configuration, for people to read.
@@ -113,6 +120,7 @@ impl RunFolder {
             self.last(),
             self.best(),
             self.scene_file(),
+            self.cameras(),
             self.config(),
             self.metrics_csv(),
             self.metrics_json(),
@@ -156,6 +164,8 @@ pub struct RunOptions<'a> {
     pub reading: serde_json::Value,
     /// Wall time after which training stops as if its steps were done.
     pub time_limit: Option<Duration>,
+    /// What became of the scene's cameras, where they were refined.
+    pub refined: Option<RefinedCameras>,
     /// Set from outside (Ctrl-C): training saves and stops after the current step.
     pub interrupted: &'a AtomicBool,
 }
@@ -207,6 +217,11 @@ pub fn train(
     let start = Instant::now();
     let views = ViewSplit::new(scene, method.hold_out_every())?;
     let held_out: Vec<String> = views.held_out.iter().map(|view| view.name.clone()).collect();
+    let cameras = match (resume_from, &options.refined) {
+        (Some(checkpoint), _) => checkpoint.header.cameras.clone(),
+        (None, Some(refined)) => refined.cameras.clone(),
+        (None, None) => BTreeMap::new(),
+    };
     let header = |step, best, seconds| CheckpointHeader {
         version: CHECKPOINT_VERSION,
         method: method.clone(),
@@ -217,6 +232,7 @@ pub fn train(
         reading: options.reading.clone(),
         object_to_world: scene.object_to_world,
         held_out: held_out.clone(),
+        cameras: cameras.clone(),
         notes: Vec::new(),
     };
     match &method {
@@ -290,7 +306,7 @@ pub(crate) fn carry_out(
     let cpu = || Resources::now().cpu_seconds;
     let mut log = MetricsLog::default();
     let mut best = None;
-    let mut notes = Vec::new();
+    let mut notes: Vec<String> = options.refined.iter().map(RefinedCameras::note).collect();
     if let Some(checkpoint) = resume_from {
         learner.resume(&checkpoint.state, checkpoint.header.step)?;
         log = MetricsLog::resume(&options.folder.metrics_csv(), checkpoint.header.step)?;

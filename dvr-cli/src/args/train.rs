@@ -21,7 +21,7 @@ pub struct TrainArgs {
     #[arg(long, short, value_name = "DIR", required_unless_present = "print_config")]
     pub out: Option<PathBuf>,
     /// Continue the run in --out from its last checkpoint
-    #[arg(long, conflicts_with_all = ["overwrite", "config", "set", "supervision", "steps", "seed", "method", "capacity", "max_bytes", "categories", "inputs", "pretrained"])]
+    #[arg(long, conflicts_with_all = ["overwrite", "config", "set", "supervision", "steps", "seed", "method", "refine_cameras", "capacity", "max_bytes", "categories", "inputs", "pretrained"])]
     pub resume: bool,
     /// Replace the run in --out
     #[arg(long)]
@@ -38,6 +38,10 @@ pub struct TrainArgs {
     /// The stored field of `fast` may not take more than this, e.g. 32k or 1M
     #[arg(long, value_parser = parse_bytes, value_name = "BYTES", help_heading = "Training")]
     pub max_bytes: Option<usize>,
+    /// Cameras may be slightly wrong (a degree, some per cent): move them to where they fit together before training, in at most so many
+    /// rounds of about a second. The refined cameras are used from then on, and written to cameras.json
+    #[arg(long, value_name = "ROUNDS", num_args = 0..=1, default_missing_value = "10", help_heading = "Training")]
+    pub refine_cameras: Option<usize>,
     /// Optimiser steps; with `fast`, of each stage [default: see --print-config]
     #[arg(long, value_name = "N", help_heading = "Training")]
     pub steps: Option<usize>,

@@ -24,7 +24,7 @@ use burn::tensor::Device;
 use dvr_core::Scene;
 use dvr_core::dataset::{Normalise, ReadOptions, read_scene};
 use dvr_render::extract::{Contour, ExtractSettings};
-use dvr_train::{Checkpoint, ColorSource, MeshOptions, Model, RunFolder};
+use dvr_train::{Checkpoint, ColorSource, MeshOptions, Model, RefinedCameras, RunFolder};
 
 use crate::args::{Colors, ContourName, MeshingArgs, SurfaceArgs};
 
@@ -58,7 +58,9 @@ pub fn scene_of_run(checkpoint: &Checkpoint, moved: Option<&PathBuf>) -> Result<
         None if is_unknown => bail!("the run was imported without its scene: say with --data where it lies"),
         None => &header.scene,
     };
-    read_scene(path, &options).with_context(|| format!("the run's scene, {}", path.display()))
+    let mut scene = read_scene(path, &options).with_context(|| format!("the run's scene, {}", path.display()))?;
+    RefinedCameras::apply(&header.cameras, &mut scene);
+    Ok(scene)
 }
 
 /// Meshing as the arguments want it, in `resolution` cells an edge where they do not say.

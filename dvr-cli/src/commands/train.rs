@@ -7,12 +7,13 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use anyhow::{Context, Result, bail};
 use burn::tensor::Device;
 use cpu_time::ProcessTime;
-use dvr_core::dataset::{Format, is_object_dataset, read_scene};
-use dvr_core::{Scene, Split};
+use dvr_core::dataset::{Format, is_object_dataset, read_scene, write_transforms};
+use dvr_core::{Camera, Scene, Split, View};
 use dvr_report::SourceRun;
 use dvr_train::{
-    Agreement, Capacity, Checkpoint, FastConfig, Method, ObjectsConfig, Observer, OriginalConfig, RunFolder,
-    RunMetrics, RunOptions, Stop, Supervision, TrainConfig, Trained, ViewSplit, finish, train,
+    Agreement, Capacity, Checkpoint, FastConfig, Method, ObjectsConfig, Observer, OriginalConfig, RefinedCameras,
+    RunFolder, RunMetrics, RunOptions, Stop, Supervision, TrainConfig, Trained, ViewSplit, finish, refine_cameras,
+    train,
 };
 
 use super::{SCENE_RESOLUTION, mesh_options, print_notes, scene_of_run, train_objects};
@@ -51,7 +52,7 @@ pub fn run(args: &TrainArgs) -> Result<ExitCode> {
 /// Trains, then writes mesh, preview and figures.
 fn train_scene(args: &TrainArgs, folder: &RunFolder, config: Method, resumed: Option<&Checkpoint>) -> Result<ExitCode> {
     let device = args.backend.backend.device_for(&config)?;
-    let (scene, reading) = match resumed {
+    let (mut scene, reading) = match resumed {
         Some(checkpoint) => (scene_of_run(checkpoint, args.scene.as_ref())?, checkpoint.header.reading.clone()),
         None => {
             let Some(path) = &args.scene else { bail!("no scene was given") };
@@ -62,9 +63,16 @@ fn train_scene(args: &TrainArgs, folder: &RunFolder, config: Method, resumed: Op
     check_supervision(&scene, &config)?;
     describe(&scene, &config)?;
     prepare(folder, args, &config)?;
-    let options = run_options(args, folder, reading, device.clone())?;
+    let mut options = run_options(args, folder, reading, device.clone())?;
     let mut progress = Progress::new();
     let cpu = ProcessTime::now();
+    if resumed.is_none() && config.refine_cameras() > 0 {
+        let Some(refined) = refine(&mut scene, &config, folder, &mut progress)? else {
+            eprintln!("stopped before training began: there is nothing to continue");
+            return Ok(ExitCode::from(EXIT_INTERRUPTED));
+        };
+        options.refined = Some(refined);
+    }
     let trained = train(&scene, config, resumed, &options, &mut progress)?;
     let cpu_seconds = cpu.elapsed().as_secs_f64();
     if trained.stop == Stop::Interrupted {
@@ -91,6 +99,30 @@ fn train_scene(args: &TrainArgs, folder: &RunFolder, config: Method, resumed: Op
     Ok(ExitCode::SUCCESS)
 }
 
+/// Moves the cameras to where they fit together, and writes them down; `None` after Ctrl-C.
+fn refine(
+    scene: &mut Scene,
+    method: &Method,
+    folder: &RunFolder,
+    progress: &mut Progress,
+) -> Result<Option<RefinedCameras>> {
+    let config = match method {
+        Method::Lattice(config) => config.clone(),
+        other => FastConfig {
+            seed: other.seed(),
+            hold_out_every: other.hold_out_every(),
+            ..FastConfig::new(other.supervision())
+        },
+    };
+    let refined = refine_cameras(scene, &config, method.refine_cameras(), &INTERRUPTED, progress)?;
+    if refined.as_ref().is_some_and(|refined| !refined.cameras.is_empty()) {
+        let in_world = |view: &View| (view.name.clone(), view.camera.into_world(&scene.object_to_world));
+        let cameras: Vec<(String, Camera)> = scene.views.iter().map(in_world).collect();
+        write_transforms(&folder.cameras(), cameras.iter().map(|(name, camera)| (name.as_str(), camera)))?;
+    }
+    Ok(refined)
+}
+
 /// How a run is carried out; from here on, Ctrl-C saves.
 pub(super) fn run_options(
     args: &TrainArgs,
@@ -99,7 +131,14 @@ pub(super) fn run_options(
     device: Device,
 ) -> Result<RunOptions<'static>> {
     interrupt_on_ctrl_c()?;
-    Ok(RunOptions { folder: folder.clone(), device, reading, time_limit: args.time, interrupted: &INTERRUPTED })
+    Ok(RunOptions {
+        folder: folder.clone(),
+        device,
+        reading,
+        time_limit: args.time,
+        refined: None,
+        interrupted: &INTERRUPTED,
+    })
 }
 
 /// What to say, and to exit with, after Ctrl-C.
@@ -144,6 +183,12 @@ fn configuration(args: &TrainArgs, dataset: bool) -> Result<Method> {
             let json = serde_json::from_str(&text).with_context(|| format!("{} is no JSON", path.display()))?;
             config.overridden(&json).with_context(|| path.display().to_string())?
         };
+    }
+    match (&mut config, args.refine_cameras) {
+        (_, None) => {}
+        (Method::Lattice(config), Some(rounds)) => config.refine_cameras = rounds,
+        (Method::Network(config), Some(rounds)) => config.refine_cameras = rounds,
+        (Method::Objects(_), Some(_)) => bail!("--refine-cameras is for a single scene, and this is a dataset of many"),
     }
     if let (Method::Objects(config), Some(path)) = (&mut config, &objects.pretrained) {
         config.pretrained = Some(path.clone());
@@ -288,6 +333,7 @@ fn report(metrics: &RunMetrics, folder: &RunFolder, seconds: f64, cpu_seconds: f
         folder.mesh_ply(),
         folder.mesh_glb(),
         folder.scene_file(),
+        folder.cameras(),
         folder.preview(),
         folder.metrics_json(),
         folder.report(),

@@ -32,6 +32,7 @@ mod pairing;
 mod place;
 mod shelf;
 mod transforms;
+mod write_transforms;
 
 use std::path::Path;
 
@@ -42,6 +43,7 @@ pub use object_dataset::{ObjectDataset, ObjectOptions};
 pub use objects::{ObjectRef, is_object_dataset, list_objects};
 pub use options::{Background, BackgroundColor, Format, Normalise, ReadOptions};
 pub use pairing::list_pictures;
+pub use write_transforms::write_transforms;
 
 use crate::error::{Error, Result};
 use crate::npz::NpzFile;

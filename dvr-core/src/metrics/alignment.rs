@@ -41,7 +41,8 @@ pub fn align_to_surface(points: &PointCloud, truth: &PointCloud) -> Result<Simil
             .par_iter()
             .map(|&point| {
                 let point = alignment.transform_point(point);
-                let nearest = tree.query(&point.to_array()).nearest_one::<SquaredEuclidean<f64>>().execute().item as usize;
+                let nearest =
+                    tree.query(&point.to_array()).nearest_one::<SquaredEuclidean<f64>>().execute().item as usize;
                 let normal = normals[nearest].as_dvec3();
                 let distance = normal.dot(point - DVec3::from(positions[nearest]));
                 // By a small turn, shift and growth of the point about the origin.

@@ -12,6 +12,7 @@ use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use dvr_core::{Camera, Scene, Similarity};
+use dvr_model::LatticeField;
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -26,6 +27,9 @@ use pose::{Aligned, Marks, align};
 /// Steps of each stage of a field that cameras are compared with.
 const STEPS: usize = 150;
 
+/// Steps at the end of a training whose loss counts.
+const JUDGED_STEPS: usize = 50;
+
 /// Cells along an edge of these fields: in the first rounds, when cameras are far off, and then.
 const CELLS: [usize; 2] = [32, 64];
 
@@ -38,19 +42,23 @@ const DISAGREEING: usize = 6;
 /// A round that moves what is seen by less than this, in pixels, is the last.
 const SETTLED: f64 = 0.03;
 
-/// Cameras that turn out to be right within this, in pixels, stay as the files have them.
-const RIGHT: f64 = 0.2;
+/// The loss of a field on the moved cameras must be less than this share of that on the given ones, or these are kept: moved cameras are
+/// off by the noise of their own estimation.
+const WORTH: f64 = 0.95;
 
-/// Photographs are blurred by this share of a cell as it appears in them.
-const BLUR: f64 = 0.4;
+/// Photographs are blurred by this share of a cell as it appears in them: in the first rounds, when texture may be off by more than
+/// its own length, and then.
+const BLUR: [f64; 2] = [1.0, 0.4];
 
 /// What became of the cameras.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RefinedCameras {
-    /// The cameras in object space, by view; empty where those of the files are right.
+    /// The cameras in object space, by view; empty where those of the files fit as well.
     pub cameras: BTreeMap<String, Camera>,
-    /// Root mean square of how far surface points moved in the pictures, in pixels.
+    /// Root mean square of how far surface points moved in the pictures, in pixels, be it kept or not.
     pub moved_pixels: f64,
+    /// Loss of a coarse field on the cameras as given, and on the moved ones.
+    pub loss: [f64; 2],
     /// Rounds of training and moving.
     pub rounds: usize,
 }
@@ -58,11 +66,13 @@ pub struct RefinedCameras {
 impl RefinedCameras {
     /// What to tell people.
     pub fn note(&self) -> String {
-        let Self { moved_pixels, rounds, .. } = self;
+        let Self { moved_pixels, rounds, loss, .. } = self;
+        let losses =
+            format!("a coarse field's loss was {:.3} on the given cameras, {:.3} on the moved ones", loss[0], loss[1]);
         if self.cameras.is_empty() {
-            format!("the cameras are right within {moved_pixels:.2} pixels ({rounds} rounds), and stay as they are")
+            format!("cameras as given fit no worse than moved ones, and stay ({rounds} rounds; {losses})")
         } else {
-            format!("the cameras were moved by {moved_pixels:.2} pixels in the mean ({rounds} rounds)")
+            format!("the cameras were moved by {moved_pixels:.2} pixels in the mean ({rounds} rounds; {losses})")
         }
     }
 
@@ -101,16 +111,17 @@ pub fn refine_cameras(
     let mut moved = 0.0;
     let mut done = 0;
     while done < rounds {
-        let cells = CELLS[usize::from(done >= COARSE_ROUNDS)];
-        let Some(field) = coarse_field(scene, config, cells, interrupted)? else {
+        let phase = usize::from(done >= COARSE_ROUNDS);
+        let Some(Coarse { field, .. }) = coarse(scene, config, CELLS[phase], interrupted)? else {
             restore(scene, &given);
             return Ok(None);
         };
         let spacing = f64::from(field.shape().lattice.spacing());
         let aligned: Vec<Aligned> = (scene.views.par_iter().zip(&given).zip(&marks))
             .map(|((view, given), marks)| {
-                let photo = SmoothPhotograph::new(&view.image, (BLUR * spacing * magnification(&view.camera)) as f32);
-                align(&view.camera, given, marks, &photo, &field)
+                let cell = spacing * magnification(&view.camera);
+                let photo = SmoothPhotograph::new(&view.image, (BLUR[phase] * cell) as f32);
+                align(&view.camera, given, marks, &photo, &field, cell)
             })
             .collect();
         let gauge = gauge(&aligned, &given, &teaching);
@@ -125,13 +136,18 @@ pub fn refine_cameras(
             break;
         }
     }
+    let refined: Vec<Camera> = scene.views.iter().map(|view| view.camera.clone()).collect();
+    let with_refined = coarse(scene, config, CELLS[1], interrupted)?;
+    restore(scene, &given);
+    let with_given = coarse(scene, config, CELLS[1], interrupted)?;
+    let (Some(with_refined), Some(with_given)) = (with_refined, with_given) else { return Ok(None) };
     let mut cameras = BTreeMap::new();
-    if moved < RIGHT {
-        restore(scene, &given);
-    } else {
+    if with_refined.loss < WORTH * with_given.loss {
+        restore(scene, &refined);
         cameras = scene.views.iter().map(|view| (view.name.clone(), view.camera.clone())).collect();
     }
-    let refined = RefinedCameras { cameras, moved_pixels: moved, rounds: done };
+    let loss = [with_given.loss, with_refined.loss];
+    let refined = RefinedCameras { cameras, moved_pixels: moved, loss, rounds: done };
     observer.note(&refined.note());
     Ok(Some(refined))
 }
@@ -140,13 +156,15 @@ fn restore(scene: &mut Scene, given: &[Camera]) {
     scene.views.iter_mut().zip(given).for_each(|(view, camera)| view.camera = camera.clone());
 }
 
-/// A field of so many cells, trained shortly; `None` where it was interrupted.
-fn coarse_field(
-    scene: &Scene,
-    config: &FastConfig,
-    cells: usize,
-    interrupted: &AtomicBool,
-) -> Result<Option<dvr_model::LatticeField>> {
+/// A field that was trained shortly.
+struct Coarse {
+    field: LatticeField,
+    /// Mean loss of its last steps: how well views, masks and cameras fit together.
+    loss: f64,
+}
+
+/// Trains a field of so many cells; `None` where it was interrupted.
+fn coarse(scene: &Scene, config: &FastConfig, cells: usize, interrupted: &AtomicBool) -> Result<Option<Coarse>> {
     let config = FastConfig {
         capacity: Capacity::Cells(cells),
         first_cells: config.first_cells.min(cells),
@@ -155,13 +173,15 @@ fn coarse_field(
         ..config.clone()
     };
     let mut trainer = FastTrainer::new(ViewSplit::new(scene, config.hold_out_every)?, config)?;
+    let mut losses = Vec::new();
     while trainer.steps_done() < trainer.total_steps() {
         if interrupted.load(Ordering::Relaxed) {
             return Ok(None);
         }
-        trainer.step()?;
+        losses.push(trainer.step()?.loss);
     }
-    Ok(Some(trainer.field()))
+    let last = &losses[losses.len().saturating_sub(JUDGED_STEPS)..];
+    Ok(Some(Coarse { field: trainer.field(), loss: last.iter().sum::<f64>() / last.len().max(1) as f64 }))
 }
 
 /// Pixels of an object unit at the object's distance.

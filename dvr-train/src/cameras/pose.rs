@@ -37,6 +37,10 @@ const OUTLIER: f64 = 2.0;
 /// Standard deviations are at least this, in pixels and in colours: nothing is known better.
 const LEAST_DEVIATION: [f64; 2] = [0.1, 0.01];
 
+/// The standard deviation of outlines is at most this, in cells (or half a pixel): where a camera is farther off, that is its fault, and
+/// the texture must not hold it there.
+const LARGEST_OUTLINE_DEVIATION: f64 = 0.3;
+
 /// How far cameras are expected to be from where they are given: radians, shares of the distance, and the logarithm of the gain.
 const EXPECTED: [f64; 3] = [0.05, 0.05, 0.3];
 
@@ -92,8 +96,17 @@ struct Residual {
     slopes: SVector<f64, 7>,
 }
 
-/// Moves `camera` to where the field explains the photograph best; `given` is where the files say that it stands.
-pub(super) fn align(camera: &Camera, given: &Camera, marks: &Marks, photo: &SmoothPhotograph, field: &LatticeField) -> Aligned {
+/// Moves `camera` to where the field explains the photograph best; `given` is where the files say that it stands, and `cell` how many
+/// pixels a cell of the field is wide.
+pub(super) fn align(
+    camera: &Camera,
+    given: &Camera,
+    marks: &Marks,
+    photo: &SmoothPhotograph,
+    field: &LatticeField,
+    cell: f64,
+) -> Aligned {
+    let largest = (LARGEST_OUTLINE_DEVIATION * cell).max(0.5);
     let mut now = Aligned { camera: camera.clone(), gain: 1.0, points: Vec::new() };
     let mut best: Option<(f64, Aligned)> = None;
     let mut deviations = None;
@@ -102,7 +115,7 @@ pub(super) fn align(camera: &Camera, given: &Camera, marks: &Marks, photo: &Smoo
         let (interior, points) = interior_residuals(&now, marks, photo, field);
         now.points = points;
         let [pixels, colors] = *deviations.get_or_insert_with(|| {
-            [deviation(&outline).max(LEAST_DEVIATION[0]), deviation(&interior).max(LEAST_DEVIATION[1])]
+            [deviation(&outline).clamp(LEAST_DEVIATION[0], largest), deviation(&interior).max(LEAST_DEVIATION[1])]
         });
         let mut matrix = SMatrix::<f64, 7, 7>::zeros();
         let mut vector = SVector::<f64, 7>::zeros();
@@ -226,15 +239,7 @@ fn interior_residuals(
             let expected = now.gain * f64::from(shaded.color[channel]);
             residuals.push(Residual {
                 value: facing * (f64::from(seen.color[channel]) - expected),
-                slopes: SVector::from([
-                    by_turn.x,
-                    by_turn.y,
-                    by_turn.z,
-                    slope.x,
-                    slope.y,
-                    slope.z,
-                    -facing * expected,
-                ]),
+                slopes: SVector::from([by_turn.x, by_turn.y, by_turn.z, slope.x, slope.y, slope.z, -facing * expected]),
             });
         }
     }

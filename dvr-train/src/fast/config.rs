@@ -51,6 +51,8 @@ pub struct FastConfig {
     pub neighbours: usize,
     /// Views that may be wrong about the hull.
     pub disagreeing_views: DisagreeingViews,
+    /// Rounds, at most, in which cameras are moved to where they fit together before training; 0 believes the files.
+    pub refine_cameras: usize,
     /// One view in so many is held out, where the dataset does not say.
     pub hold_out_every: usize,
 }
@@ -191,6 +193,7 @@ impl FastConfig {
             compared_views: 2,
             neighbours: 6,
             disagreeing_views: DisagreeingViews::Auto,
+            refine_cameras: 0,
             hold_out_every: 8,
         }
     }

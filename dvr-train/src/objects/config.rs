@@ -11,8 +11,8 @@ use crate::error::{Error, Result};
 /// Everything that determines a run over many objects, besides the dataset and the backend.
 ///
 /// In JSON the keys of [`TrainConfig`] stand beside the others. Of these, `rays` counts the rays of one object in a step,
-/// and `hull` and `hold_out_every` have no meaning: a hull would need all views of an object, and what is held out are
-/// objects.
+/// and `hull`, `refine_cameras` and `hold_out_every` have no meaning: a hull would need all views of an object, and what is held out
+/// are objects.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ObjectsConfig {
     /// What makes the latent code of an object.

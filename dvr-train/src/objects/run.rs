@@ -1,5 +1,6 @@
 //! Training on a dataset of objects from start to end, and what it leaves for its user.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -102,6 +103,7 @@ pub fn train_objects(
         reading: options.reading.clone(),
         object_to_world: Similarity::default(),
         held_out: Vec::new(),
+        cameras: BTreeMap::new(),
         notes: Vec::new(),
     };
     let pace = Pace {

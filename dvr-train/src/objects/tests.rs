@@ -160,6 +160,7 @@ fn header(trainer: &ObjectsTrainer) -> crate::checkpoint::CheckpointHeader {
         reading: serde_json::Value::Null,
         object_to_world: dvr_core::Similarity::default(),
         held_out: Vec::new(),
+        cameras: std::collections::BTreeMap::new(),
         notes: Vec::new(),
     }
 }

@@ -1,0 +1,103 @@
+//! Cameras that are off come back, and those that are right stay.
+
+use std::sync::atomic::AtomicBool;
+
+use dvr_core::dataset::{ReadOptions, read_scene};
+use dvr_core::mesh::{TexturedMesh, shapes};
+use dvr_core::synth::{SynthConfig, render_dataset};
+use dvr_core::{Camera, Scene, Similarity};
+use dvr_train::{FastConfig, Observer, refine_cameras};
+use glam::{DMat3, DVec3};
+
+/// Hears nothing.
+struct Silent;
+
+impl Observer for Silent {
+    fn phase(&mut self, _: &str, _: usize) {}
+    fn progress(&mut self, _: usize, _: &str) {}
+    fn note(&mut self, _: &str) {}
+}
+
+/// A turned cuboid with a bump, from sixteen sides.
+fn scene() -> Scene {
+    let box_and_bump = shapes::union([
+        shapes::cuboid(glam::Vec3::new(-0.3, -0.2, -0.25), glam::Vec3::new(0.3, 0.2, 0.25)),
+        shapes::cuboid(glam::Vec3::new(0.05, 0.1, -0.1), glam::Vec3::new(0.2, 0.35, 0.15)),
+    ]);
+    let colors = |vertex: &glam::Vec3| [vertex.x + 0.5, vertex.y + 0.5, vertex.z + 0.5];
+    let mesh =
+        dvr_core::mesh::Mesh { colors: Some(box_and_bump.vertices.iter().map(colors).collect()), ..box_and_bump };
+    let config = SynthConfig {
+        views: 16,
+        width: 48,
+        height: 48,
+        surface_points: 100,
+        occupancy_points: 100,
+        ..SynthConfig::default()
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let object = TexturedMesh { mesh, ..TexturedMesh::default() };
+    render_dataset(&object, "box", "boxes", folder.path(), &config, &|_, _| ()).unwrap();
+    read_scene(&folder.path().join("boxes/box"), &ReadOptions::default()).unwrap()
+}
+
+/// Turns each camera on the spot by a degree about an axis of its own.
+fn disturbed(scene: &Scene) -> Scene {
+    let mut wrong = scene.clone();
+    for (i, view) in wrong.views.iter_mut().enumerate() {
+        let i = i as f64;
+        let axis = DVec3::new((2.1 * i).sin(), (3.7 * i).cos(), (1.3 * i + 1.0).sin()).normalize();
+        let center = view.camera.center();
+        view.camera.rotation = DMat3::from_axis_angle(axis, 1f64.to_radians()) * view.camera.rotation;
+        view.camera.translation = -(view.camera.rotation * center);
+    }
+    wrong
+}
+
+/// Pixels between the pictures of the cube's corners, pulled in, in two scenes; the second is first brought to where its cameras are
+/// nearest to the first's.
+fn distance(exact: &Scene, other: &Scene) -> f64 {
+    let anchors = |scene: &Scene| -> Vec<DVec3> {
+        let anchors = |c: &Camera| [c.center(), c.center() + c.center().length() * c.forward()];
+        scene.views.iter().flat_map(|view| anchors(&view.camera)).collect()
+    };
+    let gauge = Similarity::between(&anchors(other), &anchors(exact)).unwrap();
+    let corners = (0..8).map(|i| 0.25 * DVec3::new([-1.0, 1.0][i & 1], [-1.0, 1.0][i >> 1 & 1], [-1.0, 1.0][i >> 2]));
+    let corners: Vec<DVec3> = corners.collect();
+    let views = || exact.views.iter().zip(&other.views);
+    let squares = views().flat_map(|(a, b)| {
+        let b = b.camera.into_world(&gauge);
+        corners.iter().map(move |&point| (a.camera.project(point).0 - b.project(point).0).length_squared())
+    });
+    (squares.sum::<f64>() / (8 * exact.views.len()) as f64).sqrt()
+}
+
+#[test]
+fn cameras_that_are_off_come_back_and_right_ones_stay() {
+    let exact = scene();
+    let config = FastConfig { rays: 512, ..FastConfig::default() };
+    let refine = |scene: &mut Scene| refine_cameras(scene, &config, 5, &AtomicBool::new(false), &mut Silent).unwrap();
+
+    let mut wrong = disturbed(&exact);
+    let before = distance(&exact, &wrong);
+    let refined = refine(&mut wrong).unwrap();
+    let after = distance(&exact, &wrong);
+    assert!(after < 0.6 * before, "{before} pixels before, {after} after; {}", refined.note());
+    assert_eq!(refined.cameras.len(), exact.views.len());
+    assert!(refined.loss[1] < refined.loss[0]);
+
+    let mut right = exact.clone();
+    let refined = refine(&mut right).unwrap();
+    assert!(refined.cameras.is_empty(), "{}", refined.note());
+    let is_same = |(a, b): (&dvr_core::View, &dvr_core::View)| a.camera == b.camera;
+    assert!(exact.views.iter().zip(&right.views).all(is_same));
+}
+
+#[test]
+fn an_interruption_leaves_the_cameras_as_they_were() {
+    let exact = scene();
+    let mut scene = exact.clone();
+    let refined = refine_cameras(&mut scene, &FastConfig::default(), 6, &AtomicBool::new(true), &mut Silent).unwrap();
+    assert!(refined.is_none());
+    assert!(exact.views.iter().zip(&scene.views).all(|(a, b)| a.camera == b.camera));
+}
