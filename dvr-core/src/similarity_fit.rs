@@ -47,7 +47,7 @@ mod tests {
     use super::*;
 
     fn points() -> Vec<DVec3> {
-        (0..12).map(|i| f64::from(i)).map(|i| DVec3::new(i.sin(), (2.0 * i).cos(), 0.3 * i)).collect()
+        (0..12).map(f64::from).map(|i| DVec3::new(i.sin(), (2.0 * i).cos(), 0.3 * i)).collect()
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! What a reconstruction is worth: measured against the truth, then judged.
 
 use dvr_core::mesh::{Mesh, Topology};
+use dvr_core::metrics::alignment::align_to_surface;
 use dvr_core::metrics::shape::{score_surface, surface_floor};
 use dvr_core::sampling::{SurfaceSamples, sample_surface};
 use dvr_core::{PointCloud, Result};
@@ -90,7 +91,8 @@ const SAMPLES: usize = 30_000;
 /// Points whose lines of sight are looked at.
 const SIGHT_SAMPLES: usize = 6_000;
 
-/// Measures a mesh in object space, or that there is none.
+/// Measures a mesh in object space, or that there is none. Where the cameras were wrong, the mesh is first brought to where it is nearest
+/// to the truth.
 ///
 /// # Errors
 /// When the true mesh has no area.
@@ -100,7 +102,7 @@ pub fn measure(case: &Case, seed: u64, mesh: Option<&Mesh>) -> Result<Figures> {
     let empty = Mesh::default();
     let mesh = mesh.unwrap_or(&empty);
     let finite = mesh.vertices.iter().all(|vertex| vertex.is_finite());
-    let mut figures = Figures {
+    let figures = Figures {
         faces: mesh.faces.len(),
         finite,
         area_ratio: area(mesh) / area(truth),
@@ -116,14 +118,27 @@ pub fn measure(case: &Case, seed: u64, mesh: Option<&Mesh>) -> Result<Figures> {
         return Ok(figures);
     }
     let real = sample_surface(truth, SAMPLES, seed.wrapping_add(3));
+    if case.faults.displace_cameras() {
+        // Where everything stands, how it is turned and how large it is only cameras tell, and these are wrong.
+        let aligned = align_to_surface(&PointCloud::from(found), &PointCloud::from(real.clone()))?;
+        let mesh = mesh.clone().transformed(&aligned);
+        return compared(case, seed, &mesh, &real, figures);
+    }
+    compared(case, seed, mesh, &real, figures)
+}
+
+/// Completes figures with the distances between a mesh and samples of the truth.
+fn compared(case: &Case, seed: u64, mesh: &Mesh, real: &SurfaceSamples, mut figures: Figures) -> Result<Figures> {
+    let truth = &case.object.mesh;
+    let found = sample_surface(mesh, SAMPLES, seed.wrapping_add(2));
     let cameras = true_cameras(case, seed);
     let visible = |mesh: &Mesh, samples: &SurfaceSamples| {
         let (points, normals) = (&samples.points[..SIGHT_SAMPLES], &samples.normals[..SIGHT_SAMPLES]);
         let seen = seen(mesh, points, normals, &cameras);
         cloud(points.iter().zip(seen).filter(|(_, seen)| *seen).map(|(&point, _)| point).collect())
     };
-    let (found_seen, real_seen) = (visible(mesh, &found), visible(truth, &real));
-    let (found, real) = (cloud(found.points), cloud(real.points));
+    let (found_seen, real_seen) = (visible(mesh, &found), visible(truth, real));
+    let (found, real) = (cloud(found.points), cloud(real.points.clone()));
     figures.chamfer_l1 = Some(score_surface(&found, &real, &[])?.chamfer_l1);
     if !found_seen.points.is_empty() && !real_seen.points.is_empty() {
         let accuracy = score_surface(&found_seen, &real, &[])?.accuracy;

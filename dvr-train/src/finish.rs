@@ -10,14 +10,13 @@ use dvr_render::{MeshShader, Shaded, Shader};
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
-use crate::checkpoint::Checkpoint;
 use crate::error::{Error, Result};
 use crate::evaluate::{ShapeEvaluation, evaluate_shape};
 use crate::export::{MeshOptions, object_mesh, world_mesh};
 use crate::model::Model;
 use crate::preview::preview_sheet;
 use crate::resources::Resources;
-use crate::run::{Observer, RunFolder};
+use crate::run::{Observer, RunFolder, Trained};
 use crate::trainer::ViewSplit;
 use crate::validate::{Agreement, agreement};
 
@@ -56,6 +55,9 @@ pub struct RunMetrics {
     /// Wall seconds of each part of the work after training.
     #[serde(default)]
     pub finishing_seconds: Vec<(String, f64)>,
+    /// Wall and CPU seconds that went into following the shape, beside the clock of training.
+    #[serde(default)]
+    pub measuring_seconds: [f64; 2],
 }
 
 /// Samples across the cube where a network is rendered.
@@ -77,12 +79,13 @@ const PREVIEW: (usize, u32) = (4, 256);
 /// [`RunMetrics::mesh`] is `None`.
 pub fn finish(
     scene: &Scene,
-    checkpoint: &Checkpoint,
+    trained: &Trained,
     folder: &RunFolder,
     options: &MeshOptions,
     device: &Device,
     observer: &mut dyn Observer,
 ) -> Result<RunMetrics> {
+    let checkpoint = &trained.checkpoint;
     let method = &checkpoint.header.method;
     let views = ViewSplit::new(scene, method.hold_out_every())?;
     let mut warnings = scene.warnings.clone();
@@ -151,6 +154,7 @@ pub fn finish(
         warnings,
         notes: checkpoint.header.notes.clone(),
         finishing_seconds,
+        measuring_seconds: trained.measuring_seconds,
     };
     let json = serde_json::to_string_pretty(&metrics).map_err(|e| Error::Config(e.to_string()))?;
     dvr_core::files::write_bytes_atomically(&folder.metrics_json(), json.as_bytes())?;

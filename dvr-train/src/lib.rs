@@ -62,6 +62,7 @@ mod predict;
 pub mod preview;
 mod resources;
 mod run;
+mod shape_course;
 mod sparse;
 mod trainer;
 mod validate;

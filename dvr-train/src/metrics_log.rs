@@ -28,7 +28,7 @@ const TERMS: [&str; 14] = [
 fn header() -> Vec<&'static str> {
     let mut header = vec!["step", "seconds", "loss", "mask_iou", "learning_rate", "samples"];
     header.extend(TERMS);
-    header.extend(["held_out_psnr", "held_out_mask_iou", "cpu_seconds"]);
+    header.extend(["held_out_psnr", "held_out_mask_iou", "cpu_seconds", "chamfer_l1"]);
     header
 }
 
@@ -66,9 +66,15 @@ impl MetricsLog {
         Ok(Self { rows })
     }
 
-    /// Adds a row: what a step did after so many wall seconds of training and CPU seconds of this process, and what a validation after
-    /// it said.
-    pub fn push(&mut self, report: &StepReport, seconds: f64, cpu_seconds: f64, validation: Option<&Agreement>) {
+    /// Adds a row: what a step did after so many wall seconds of training and CPU seconds of this process, what a validation after
+    /// it said, and how far the shape was from the truth.
+    pub fn push(
+        &mut self,
+        report: &StepReport,
+        [seconds, cpu_seconds]: [f64; 2],
+        validation: Option<&Agreement>,
+        chamfer_l1: Option<f64>,
+    ) {
         let term = |name: &str| {
             let sum: f64 = report.terms.iter().filter(|(n, _)| *n == name).map(|(_, value)| value).sum();
             if report.terms.iter().any(|(n, _)| *n == name) { format!("{sum:.6}") } else { String::new() }
@@ -85,6 +91,7 @@ impl MetricsLog {
         row.push(validation.map_or(String::new(), |v| format!("{:.3}", v.psnr)));
         row.push(validation.map_or(String::new(), |v| format!("{:.4}", v.mask_iou)));
         row.push(format!("{cpu_seconds:.3}"));
+        row.push(chamfer_l1.map_or(String::new(), |distance| format!("{distance:.6}")));
         self.rows.push(row);
     }
 

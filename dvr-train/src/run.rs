@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use burn::tensor::Device;
-use dvr_core::Scene;
+use dvr_core::{PointCloud, Scene};
 use dvr_model::Decoder;
 
 use crate::cameras::RefinedCameras;
@@ -18,6 +18,7 @@ use crate::learner::Learner;
 use crate::method::Method;
 use crate::metrics_log::MetricsLog;
 use crate::resources::Resources;
+use crate::shape_course::ShapeCourse;
 use crate::sparse::SparseTargets;
 use crate::trainer::{READ_EVERY, Trainer, ViewSplit};
 use crate::validate::Agreement;
@@ -166,6 +167,9 @@ pub struct RunOptions<'a> {
     pub time_limit: Option<Duration>,
     /// What became of the scene's cameras, where they were refined.
     pub refined: Option<RefinedCameras>,
+    /// The true surface, with which the shape is compared at each validation, beside the clock: a column of `metrics.csv`. It teaches
+    /// nothing.
+    pub truth: Option<&'a PointCloud>,
     /// Set from outside (Ctrl-C): training saves and stops after the current step.
     pub interrupted: &'a AtomicBool,
 }
@@ -192,6 +196,8 @@ pub struct Trained {
     pub steps: usize,
     /// Wall seconds of training, over all sessions.
     pub seconds: f64,
+    /// Wall and CPU seconds of this session that went into comparing the shape with the truth; they are not in `seconds`.
+    pub measuring_seconds: [f64; 2],
     /// The last validation.
     pub validation: Option<Agreement>,
 }
@@ -302,8 +308,9 @@ pub(crate) fn carry_out(
     observer: &mut dyn Observer,
 ) -> Result<Trained> {
     let before = resume_from.map_or(0.0, |checkpoint| checkpoint.header.seconds);
-    let elapsed = || before + start.elapsed().as_secs_f64();
-    let cpu = || Resources::now().cpu_seconds;
+    let mut course = options.truth.map(|truth| ShapeCourse::new(truth, options.device.clone()));
+    let mut measuring = [0.0; 2];
+    let elapsed = |measuring: [f64; 2]| before + start.elapsed().as_secs_f64() - measuring[0];
     let mut log = MetricsLog::default();
     let mut best = None;
     let mut notes: Vec<String> = options.refined.iter().map(RefinedCameras::note).collect();
@@ -313,8 +320,8 @@ pub(crate) fn carry_out(
         best = checkpoint.header.best;
         notes.clone_from(&checkpoint.header.notes);
     }
-    let checkpoint = |learner: &dyn Learner, best, notes: &[String]| -> Result<Checkpoint> {
-        let header = header(learner.steps_done(), best, elapsed());
+    let checkpoint = |learner: &dyn Learner, best, notes: &[String], measuring| -> Result<Checkpoint> {
+        let header = header(learner.steps_done(), best, elapsed(measuring));
         Ok(Checkpoint { header: CheckpointHeader { notes: notes.to_vec(), ..header }, state: learner.state()? })
     };
 
@@ -329,7 +336,7 @@ pub(crate) fn carry_out(
         notes.extend(said);
         stop = match () {
             () if options.interrupted.load(Ordering::Relaxed) => Stop::Interrupted,
-            () if options.time_limit.is_some_and(|limit| elapsed() >= limit.as_secs_f64()) => Stop::TimeLimit,
+            () if options.time_limit.is_some_and(|limit| elapsed(measuring) >= limit.as_secs_f64()) => Stop::TimeLimit,
             () => Stop::Done,
         };
         let ending = step >= learner.total_steps() || stop != Stop::Done;
@@ -338,7 +345,13 @@ pub(crate) fn carry_out(
             validation = learner.validate(VALIDATION_PIXELS);
         }
         if step % LOG_EVERY == 0 || validate_now {
-            log.push(&report, elapsed(), cpu(), validation.as_ref().filter(|_| validate_now));
+            let spent = [elapsed(measuring), Resources::now().cpu_seconds - measuring[1]];
+            let mut chamfer = None;
+            if let (true, Some(course)) = (validate_now, &mut course) {
+                chamfer = Some(course.chamfer_l1(&checkpoint(learner, best, &notes, measuring)?)?);
+                measuring = course.spent();
+            }
+            log.push(&report, spent, validation.as_ref().filter(|_| validate_now), chamfer);
         }
         let found = validation.filter(|_| validate_now);
         let found = found.map(|found| Best { step, psnr: found.psnr, mask_iou: found.mask_iou });
@@ -346,10 +359,10 @@ pub(crate) fn carry_out(
             && best.is_none_or(|best| figure(&found) > figure(&best))
         {
             best = Some(found);
-            checkpoint(learner, best, &notes)?.save(&options.folder.best())?;
+            checkpoint(learner, best, &notes, measuring)?.save(&options.folder.best())?;
         }
         if ending || step % pace.checkpoint_every == 0 {
-            checkpoint(learner, best, &notes)?.save(&options.folder.last())?;
+            checkpoint(learner, best, &notes, measuring)?.save(&options.folder.last())?;
             log.save(&options.folder.metrics_csv())?;
         }
         let held = validation.map_or(String::new(), |v| format!("  held-out {:.2} dB, IoU {:.3}", v.psnr, v.mask_iou));
@@ -359,11 +372,11 @@ pub(crate) fn carry_out(
         }
     }
     let steps = learner.steps_done();
-    let seconds = elapsed();
+    let seconds = elapsed(measuring);
     if steps == 0 {
-        checkpoint(learner, best, &notes)?.save(&options.folder.last())?;
+        checkpoint(learner, best, &notes, measuring)?.save(&options.folder.last())?;
     }
     let checkpoint =
         if stop == Stop::Interrupted { Checkpoint::load(&options.folder.last())? } else { options.folder.load()? };
-    Ok(Trained { checkpoint, stop, steps, seconds, validation })
+    Ok(Trained { checkpoint, stop, steps, seconds, measuring_seconds: measuring, validation })
 }

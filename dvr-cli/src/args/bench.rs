@@ -21,7 +21,7 @@ pub struct BenchArgs {
     /// Methods to compare, as `dvr train --method` takes them; separate with commas
     #[arg(long, value_enum, value_delimiter = ',', default_values_t = [MethodName::Hull, MethodName::Fast], value_name = "METHOD")]
     pub methods: Vec<MethodName>,
-    /// A variant of `fast` with a name and other settings, e.g. no-cross-view:losses.cross_view=0,losses.structure=0; may be
+    /// A variant of `fast` (or of METHOD, with method=METHOD) with a name and other settings, e.g. no-cross-view:losses.cross_view=0,losses.structure=0; may be
     /// given several times
     #[arg(long, value_parser = parse_variant, value_name = "NAME:KEY=VALUE")]
     pub variant: Vec<Variant>,
@@ -34,6 +34,9 @@ pub struct BenchArgs {
     /// Stop each training after this time, e.g. 10m
     #[arg(long, value_parser = parse_duration, value_name = "TIME")]
     pub time: Option<Duration>,
+    /// Follow the shape while it is trained, for curves of Chamfer-L1 over time; what that takes is not counted
+    #[arg(long)]
+    pub follow_shape: bool,
     /// Results from elsewhere, to stand in the same table: a results.json, or a list of {scene, method, seconds, chamfer_l1, ...}
     #[arg(long, value_name = "FILE")]
     pub overlay: Vec<PathBuf>,

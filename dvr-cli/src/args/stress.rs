@@ -19,7 +19,8 @@ pub struct StressArgs {
     /// Methods to try, as `dvr train --method` takes them; separate with commas [default: hull, fast; with --full all four]
     #[arg(long, value_enum, value_delimiter = ',', value_name = "METHOD")]
     pub methods: Vec<MethodName>,
-    /// A variant of `fast` with a name and other settings, e.g. trusting:disagreeing_views={"exactly":0}; may be given several times
+    /// A variant of `fast` (or of METHOD, with method=METHOD) with a name and other settings, e.g. refined:refine_cameras=10; may be given several
+    /// times
     #[arg(long, value_parser = parse_variant, value_name = "NAME:KEY=VALUE")]
     pub variant: Vec<Variant>,
     /// Seeds from 0 on, of scenes, faults and training [default: 1; with --full 3]

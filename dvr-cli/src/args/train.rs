@@ -60,6 +60,10 @@ pub struct TrainArgs {
     /// Print the configuration as JSON and stop
     #[arg(long, help_heading = "Training")]
     pub print_config: bool,
+    /// Compare the shape with the truth, where the scene has it, at each validation: the column chamfer_l1 of metrics.csv. The clock
+    /// stands still meanwhile
+    #[arg(long, help_heading = "Training")]
+    pub follow_shape: bool,
     /// Write no report.html
     #[arg(long)]
     pub no_report: bool,

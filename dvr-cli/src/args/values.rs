@@ -2,9 +2,10 @@
 
 use std::time::Duration;
 
+use clap::ValueEnum;
 use dvr_train::Shard;
 
-use super::{CapacityArg, Variant};
+use super::{CapacityArg, MethodName, Variant};
 
 /// Reads `90s`, `10m`, `2h` or plain seconds.
 pub(super) fn parse_duration(text: &str) -> Result<Duration, String> {
@@ -25,16 +26,44 @@ pub(super) fn parse_shard(text: &str) -> Result<Shard, String> {
     shard.ok_or_else(|| format!("{text:?} is no part; write 1/16, 2/16 and so on up to 16/16"))
 }
 
-/// Reads `name:key=value,key=value`.
+/// Reads `name:key=value,key=value`; the key `method` says of what it is a variant, if not of `fast`. Commas within brackets belong to
+/// the value.
 pub(super) fn parse_variant(text: &str) -> Result<Variant, String> {
     let error = || format!("{text:?} is no variant; write NAME:KEY=VALUE, e.g. no-texture:losses.texture=0");
     let (name, settings) = text.split_once(':').ok_or_else(error)?;
-    let settings: Vec<String> = settings.split(',').map(str::to_owned).collect();
+    let mut settings = split_settings(settings);
     let sound = !name.is_empty() && name.chars().all(|c| c.is_alphanumeric() || "-_".contains(c));
     if !sound || settings.iter().any(|setting| !setting.contains('=')) {
         return Err(error());
     }
-    Ok(Variant { name: name.to_owned(), method: "fast".to_owned(), settings })
+    let is_method = |setting: &String| setting.starts_with("method=");
+    let method = match settings.iter().position(is_method) {
+        Some(place) => settings.remove(place)["method=".len()..].to_owned(),
+        None => "fast".to_owned(),
+    };
+    if <MethodName as ValueEnum>::from_str(&method, false).is_err() {
+        return Err(format!("{text:?}: there is no method {method:?}; there are hull, fast, network and classic"));
+    }
+    Ok(Variant { name: name.to_owned(), method, settings })
+}
+
+/// Splits at commas that are in no brackets.
+fn split_settings(text: &str) -> Vec<String> {
+    let mut depth = 0usize;
+    let mut parts = vec![String::new()];
+    for c in text.chars() {
+        match c {
+            '{' | '[' => depth += 1,
+            '}' | ']' => depth = depth.saturating_sub(1),
+            _ => {}
+        }
+        match (c, depth, parts.last_mut()) {
+            (',', 0, _) => parts.push(String::new()),
+            (c, _, Some(part)) => part.push(c),
+            _ => {}
+        }
+    }
+    parts
 }
 
 /// Reads a share from 0 to 1.
@@ -99,6 +128,9 @@ mod tests {
         assert_eq!(parse_capacity("64"), Ok(CapacityArg::Cells(64)));
         let variant = parse_variant("rough:losses.roughness=0,rays=99").unwrap();
         assert_eq!((variant.name.as_str(), variant.settings.len()), ("rough", 2));
+        let variant = parse_variant(r#"few:method=classic,march=[{"from_percent":0,"samples":16}],rays=9"#).unwrap();
+        assert_eq!((variant.method.as_str(), variant.settings.len()), ("classic", 2), "{variant:?}");
+        assert!(parse_variant("few:method=quick").is_err_and(|problem| problem.contains("no method")));
         assert!(parse_variant("rough").is_err() && parse_variant("a/b:x=1").is_err() && parse_variant("a:b").is_err());
         assert!(parse_capacity("65").is_err() && parse_capacity("much").is_err());
         assert_eq!((parse_bytes("32k"), parse_bytes("1M")), (Ok(32_000), Ok(1_000_000)));

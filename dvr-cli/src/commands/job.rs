@@ -27,6 +27,8 @@ pub struct Job<'a> {
     pub seed: u64,
     /// When to stop training.
     pub time: Option<Duration>,
+    /// Whether the shape is compared with the truth on the way.
+    pub follow_shape: bool,
 }
 
 /// How a training ended.
@@ -58,6 +60,9 @@ impl Job<'_> {
             command.args(["--supervision", self.supervision]);
         }
         command.args(self.variant.settings.iter().flat_map(|setting| ["--set", setting.as_str()]));
+        if self.follow_shape {
+            command.arg("--follow-shape");
+        }
         if let Some(time) = self.time {
             command.args(["--time", &format!("{}s", time.as_secs_f64())]);
         }

@@ -63,7 +63,7 @@ fn train_scene(args: &TrainArgs, folder: &RunFolder, config: Method, resumed: Op
     check_supervision(&scene, &config)?;
     describe(&scene, &config)?;
     prepare(folder, args, &config)?;
-    let mut options = run_options(args, folder, reading, device.clone())?;
+    let mut options: RunOptions = run_options(args, folder, reading, device.clone())?;
     let mut progress = Progress::new();
     let cpu = ProcessTime::now();
     if resumed.is_none() && config.refine_cameras() > 0 {
@@ -73,19 +73,19 @@ fn train_scene(args: &TrainArgs, folder: &RunFolder, config: Method, resumed: Op
         };
         options.refined = Some(refined);
     }
+    if args.follow_shape {
+        options.truth = scene.ground_truth.surface.as_ref();
+        if options.truth.is_none() {
+            eprintln!("note: the scene's true surface is not known, and --follow-shape has nothing to compare with");
+        }
+    }
     let trained = train(&scene, config, resumed, &options, &mut progress)?;
     let cpu_seconds = cpu.elapsed().as_secs_f64();
     if trained.stop == Stop::Interrupted {
         return Ok(interrupted(&trained, folder));
     }
-    let metrics = finish(
-        &scene,
-        &trained.checkpoint,
-        folder,
-        &mesh_options(&args.meshing, SCENE_RESOLUTION),
-        &device,
-        &mut progress,
-    )?;
+    let metrics =
+        finish(&scene, &trained, folder, &mesh_options(&args.meshing, SCENE_RESOLUTION), &device, &mut progress)?;
     if !args.no_report {
         progress.phase("report", 1);
         let run = SourceRun { folder: folder.clone(), header: trained.checkpoint.header, scene: Some(&scene) };
@@ -137,6 +137,7 @@ pub(super) fn run_options(
         reading,
         time_limit: args.time,
         refined: None,
+        truth: None,
         interrupted: &INTERRUPTED,
     })
 }

@@ -78,7 +78,7 @@ mod tests {
         let file = folder.path().join("transforms.json");
         write_transforms(&file, names.into_iter().zip(&cameras)).unwrap();
         let options = ReadOptions {
-            background: Some(crate::dataset::Background::Color(crate::dataset::BackgroundColor::White)),
+            background: Some(crate::dataset::Background::of(crate::dataset::BackgroundColor::White)),
             normalise: Normalise::Given(crate::Similarity::default()),
             ..ReadOptions::default()
         };

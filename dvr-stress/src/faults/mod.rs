@@ -36,6 +36,11 @@ pub struct Faults {
 const HELD_OUT: (usize, usize) = (8, 4);
 
 impl Faults {
+    /// Whether cameras are not where they are said to be.
+    pub fn displace_cameras(&self) -> bool {
+        self.rotation != 0.0 || self.translation != 0.0 || self.focal != 0.0
+    }
+
     /// Where the cameras really point.
     pub(crate) fn aim(&self, cameras: &mut [Camera], seed: u64) {
         for (view, camera) in cameras.iter_mut().enumerate().filter(|_| self.aside > 0.0) {

@@ -19,6 +19,12 @@ fn chamfer_above_floor(outcome: &Outcome) -> Option<f64> {
     Some(outcome.chamfer_l1? - outcome.floor.unwrap_or(0.0))
 }
 
+/// The column of `metrics.csv` with the shape's distance from the truth.
+const CHAMFER: &str = "chamfer_l1";
+
+/// What charts show of it.
+const CHAMFER_TITLE: &str = "Chamfer-L1 above its floor, cube edges";
+
 /// Writes `charts/*.svg`, `charts/*.csv` and `report.html` into the folder of a bench.
 pub fn write(results: &Results, folder: &Path) -> Result<()> {
     let charts_folder = folder.join("charts");
@@ -84,14 +90,17 @@ fn of_scene(outcomes: &[Outcome], runs: &Path) -> Vec<Chart> {
     let wall: (&str, &str, Figure) = ("training, wall seconds", "seconds", |o| o.training_seconds.or(Some(o.seconds)));
     let cpu: (&str, &str, Figure) = ("processor seconds", "cpu_seconds", |o| o.cpu_seconds);
     let psnr: (&str, &str, Figure) = ("held-out PSNR, dB", "held_out_psnr", |o| o.psnr);
+    let chamfer: (&str, &str, Figure) = (CHAMFER_TITLE, CHAMFER, chamfer_above_floor);
     let iou: (&str, &str, Figure) = ("silhouette IoU", "held_out_mask_iou", |o| o.mask_iou);
     let job: (&str, Figure) = ("whole job, wall seconds", |o| Some(o.seconds));
     let stored: (&str, Figure) = ("stored, kB", |o| Some(o.bytes? as f64 / 1e3));
-    let above = || Axis::log("Chamfer-L1 above its floor, cube edges");
+    let above = || Axis::log(CHAMFER_TITLE);
     let mut charts = vec![
         over_time("PSNR against wall time", wall, psnr),
         over_time("PSNR against processor time", cpu, psnr),
         over_time("Silhouettes against wall time", wall, iou),
+        Chart { y: above(), ..over_time("Chamfer-L1 in the course of training", wall, chamfer) },
+        Chart { y: above(), ..over_time("Chamfer-L1 in the course of training, processor", cpu, chamfer) },
         ends("Chamfer-L1 against wall time", job, above(), chamfer_above_floor, Better::Less),
         ends("Chamfer-L1 against processor time", (cpu.0, cpu.2), above(), chamfer_above_floor, Better::Less),
         ends("PSNR of the whole job", job, Axis::linear(psnr.0), psnr.2, Better::More),
@@ -115,7 +124,10 @@ fn course(group: &[&Outcome], runs: &Path, [clock, column]: [&str; 2], [spent, r
     let curve = |outcome: &&Outcome| {
         let folder = folder_name(&outcome.scene, &outcome.method, &outcome.supervision, outcome.seed);
         let curves = Curves::read(&runs.join(folder).join("metrics.csv")).ok()?;
-        Some(curves.pairs(clock, column)).filter(|points| !points.is_empty())
+        // Charts show what is left above the floor of the measure.
+        let floor = if column == CHAMFER { outcome.floor.unwrap_or(0.0) } else { 0.0 };
+        let points = curves.pairs(clock, column).into_iter().map(|[x, y]| [x, y - floor]);
+        Some(points.collect()).filter(|points: &Vec<[f64; 2]>| !points.is_empty())
     };
     let curves: Vec<Vec<[f64; 2]>> = group.iter().filter_map(curve).collect();
     if curves.is_empty() { dots(group, spent, reached) } else { Series::of_seeds(name(group[0]), &curves) }

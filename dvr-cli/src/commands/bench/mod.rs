@@ -111,6 +111,7 @@ impl Run<'_> {
                 supervision: &self.supervision,
                 seed: self.seed,
                 time: args.time,
+                follow_shape: args.follow_shape,
             };
             match job.run()? {
                 Ended::Measured { metrics, seconds } => {

@@ -1,5 +1,6 @@
 //! `dvr stress`: where methods fail.
 
+mod charts;
 mod plan;
 mod results;
 mod table;
@@ -22,7 +23,7 @@ use crate::progress::Progress;
 use plan::{Estimate, plan};
 use results::Results;
 
-/// Tries what is missing, then writes `results.json`, `results.csv` and `table.md`.
+/// Tries what is missing, then writes `results.json`, `results.csv`, `table.md`, `charts/` and `report.html`.
 pub fn run(args: &StressArgs) -> Result<ExitCode> {
     let axes = chosen(args)?;
     if args.list {
@@ -88,6 +89,10 @@ fn write(results: &Results, axes: &[Axis], out: &Path) -> Result<()> {
         let path = out.join(name);
         write_bytes_atomically(&path, text.as_bytes())?;
         eprintln!("wrote {}", path.display());
+    }
+    charts::write(results, axes, out)?;
+    for name in ["charts", "report.html"] {
+        eprintln!("wrote {}", out.join(name).display());
     }
     Ok(())
 }

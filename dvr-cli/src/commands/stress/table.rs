@@ -27,7 +27,7 @@ pub fn markdown(results: &Results, axes: &[Axis]) -> String {
 }
 
 /// The methods on these axes, in the order in which they first appear.
-fn methods<'a>(cells: &'a [Cell], axes: &[&Axis]) -> Vec<&'a str> {
+pub fn methods<'a>(cells: &'a [Cell], axes: &[&Axis]) -> Vec<&'a str> {
     let mut methods: Vec<&str> = Vec::new();
     for cell in cells.iter().filter(|cell| axes.iter().any(|axis| axis.name == cell.axis)) {
         if !methods.contains(&cell.method.as_str()) {
@@ -63,12 +63,13 @@ fn point(point: BreakPoint) -> String {
 }
 
 /// Difficulties of which there are cells.
-fn tried(results: &Results, axis: &Axis) -> Vec<f64> {
+pub fn tried(results: &Results, axis: &Axis) -> Vec<f64> {
     let has = |d: &f64| results.cells.iter().any(|cell| cell.axis == axis.name && cell.difficulty == *d);
     axis.difficulties.iter().copied().filter(has).collect()
 }
 
-fn cells<'a>(results: &'a Results, axis: &Axis, method: &str) -> impl Iterator<Item = &'a Cell> {
+/// The cells of one method on one axis.
+pub fn cells<'a>(results: &'a Results, axis: &Axis, method: &str) -> impl Iterator<Item = &'a Cell> {
     results.cells.iter().filter(move |cell| cell.axis == axis.name && cell.method == method)
 }
 
@@ -89,19 +90,36 @@ fn one_axis(text: &mut String, results: &Results, axis: &Axis, methods: &[&str])
     }
 }
 
-/// The median over seeds, and what became of those that are not solved.
-fn entry(cells: &[&Cell], case: Option<&Case>) -> String {
+/// What a method made of one difficulty, over all seeds.
+pub struct Summary<'a> {
+    /// The median figure: of scenes in pixels' footprints above the floor.
+    pub value: Option<f64>,
+    /// Why seeds failed, each reason once.
+    pub reasons: Vec<&'a str>,
+    /// How many failed.
+    pub failed: usize,
+}
+
+/// Sums up the cells of one method and one difficulty.
+pub fn summary<'a>(cells: &[&'a Cell], case: Option<&Case>) -> Summary<'a> {
     let figure = |cell: &&Cell| match (&cell.figures, case) {
         (Some(figures), Some(case)) => Some((cell.value? - figures.floor) / case.footprint()),
         _ => cell.value,
     };
     let mut values: Vec<f64> = cells.iter().filter_map(figure).collect();
     values.sort_by(f64::total_cmp);
-    let value = values.get(values.len() / 2).map(|value| format!("{value:.3}"));
     let mut reasons: Vec<&str> =
         cells.iter().filter(|cell| cell.verdict != Verdict::Solved).map(|cell| cell.verdict.name()).collect();
     let failed = reasons.len();
+    reasons.sort_unstable();
     reasons.dedup();
+    Summary { value: values.get(values.len() / 2).copied(), reasons, failed }
+}
+
+/// A summary in a table.
+fn entry(cells: &[&Cell], case: Option<&Case>) -> String {
+    let Summary { value, reasons, failed } = summary(cells, case);
+    let value = value.map(|value| format!("{value:.3}"));
     let share = if cells.len() > 1 && failed > 0 { format!(" ({failed} of {})", cells.len()) } else { String::new() };
     match (value, failed) {
         (_, _) if cells.is_empty() => String::new(),

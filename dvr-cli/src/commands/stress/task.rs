@@ -119,7 +119,8 @@ impl Task<'_> {
         }
         let folder = RunFolder::new(self.out.join("runs").join(self.name()));
         let (variant, seed) = (&self.variant, self.seed);
-        let job = Job { scene: &scene, folder: &folder, variant, supervision: "rgb", seed, time: None };
+        let job =
+            Job { scene: &scene, folder: &folder, variant, supervision: "rgb", seed, time: None, follow_shape: false };
         let cell = match job.run()? {
             Ended::Measured { metrics, .. } => {
                 let mesh = metrics.mesh.map(|_| read_mesh(folder.mesh_ply())).transpose()?;

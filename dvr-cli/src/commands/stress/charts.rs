@@ -1,0 +1,103 @@
+//! Where methods fail, as pictures: an axis a grid, a method a row, a difficulty a column.
+
+use std::path::Path;
+
+use anyhow::{Context, Result};
+use dvr_core::files::write_bytes_atomically;
+use dvr_report::chart::{self, HeatGrid, file_name};
+use dvr_report::{Page, Section};
+use dvr_stress::{Axis, Cell, Kind};
+
+use super::results::{Results, group_name};
+use super::table::{cells, methods, summary, tried};
+
+/// Writes `charts/*.svg`, `charts/*.csv` and `report.html` into the folder of a stress test.
+pub fn write(results: &Results, axes: &[Axis], folder: &Path) -> Result<()> {
+    let charts = folder.join("charts");
+    std::fs::create_dir_all(&charts).with_context(|| charts.display().to_string())?;
+    let words = "<p>What each method makes of scenes that are hard in one way at a time. A number is the distance from the truth \
+                 (Chamfer-L1 of what at least two views see, above what the truth itself scores), in pixels' footprints; of \
+                 gradients a relative error. A word says why a cell is not solved.</p>";
+    let mut sections = vec![Section::new("", words.to_owned())];
+    for axis in axes {
+        let grid = grid(results, axis);
+        if grid.rows.is_empty() {
+            continue;
+        }
+        let path = charts.join(file_name(axis.name));
+        write_bytes_atomically(&path.with_extension("svg"), grid.to_svg().as_bytes())?;
+        write_bytes_atomically(&path.with_extension("csv"), grid.to_csv().as_bytes())?;
+        let what = format!("<p>{}.</p><div class=\"charts\">{}</div>", axis.what, grid.to_figure());
+        sections.push(Section::new(axis.name, what));
+    }
+    let machine = &results.machine;
+    let page = Page {
+        title: "dvr stress".into(),
+        subtitle: format!("{}, {} threads, {}", machine.processor, machine.threads, machine.program),
+        sections,
+        footer: format!(
+            "{}. This file holds everything that it shows and asks nothing of the network.",
+            machine.program
+        ),
+    };
+    Ok(write_bytes_atomically(&folder.join("report.html"), page.to_html().as_bytes())?)
+}
+
+/// One axis.
+fn grid(results: &Results, axis: &Axis) -> HeatGrid {
+    let methods = methods(&results.cells, &[axis]);
+    let difficulties = tried(results, axis);
+    let value = match axis.kind {
+        Kind::Scene(_) => "off the truth, pixels' footprints",
+        Kind::Gradient(_) => "relative error",
+    };
+    let cell = |method: &str, difficulty: f64| {
+        let own: Vec<&Cell> = cells(results, axis, method).filter(|cell| cell.difficulty == difficulty).collect();
+        let summary = summary(&own, axis.case(difficulty).as_ref());
+        // More than half must be solved, as for the point where a method breaks.
+        let has_failed = 2 * summary.failed >= own.len() && summary.failed > 0;
+        // A logarithm has no place for what is better than the floor.
+        let value = summary.value.map(|value| value.max(1e-3));
+        chart::Cell { value, failed: has_failed.then(|| summary.reasons.join(", ")) }
+    };
+    HeatGrid {
+        title: format!("{} ({})", axis.name, group_name(axis.group)),
+        value: chart::Axis::log(value),
+        row_title: "method".into(),
+        column_title: axis.unit.into(),
+        rows: methods.iter().map(|&method| method.to_owned()).collect(),
+        columns: difficulties.iter().map(|&difficulty| Axis::label(difficulty)).collect(),
+        cells: methods.iter().map(|method| difficulties.iter().map(|&d| cell(method, d)).collect()).collect(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use dvr_stress::{Figures, Verdict, axes};
+
+    use super::*;
+    use crate::commands::bench::machine;
+
+    #[test]
+    fn an_axis_becomes_a_grid_on_a_page() {
+        let cell = |method: &str, difficulty: f64, verdict: Verdict| Cell {
+            axis: "views".into(),
+            difficulty,
+            method: method.into(),
+            seed: 0,
+            verdict,
+            value: Some(0.004),
+            figures: Some(Figures { floor: 0.002, ..Figures::default() }),
+            note: None,
+        };
+        let cells = vec![cell("fast", 12.0, Verdict::Solved), cell("fast", 3.0, Verdict::Open)];
+        let folder = tempfile::tempdir().unwrap();
+        write(&Results { machine: machine::describe(), cells }, &axes(), folder.path()).unwrap();
+        let read = |name: &str| std::fs::read_to_string(folder.path().join(name)).unwrap();
+        let csv = read("charts/views.csv");
+        assert!(csv.contains("fast,12,0.0") && csv.contains("not watertight"), "{csv}");
+        assert!(read("charts/views.svg").contains("not watertight"));
+        let page = read("report.html");
+        assert!(page.contains("views (views)") && !page.contains("rod-radius"), "axes without cells have no section");
+    }
+}
