@@ -2,6 +2,7 @@
 
 mod clock;
 mod config;
+mod cpu;
 mod growth;
 mod levels;
 mod patch;
@@ -9,6 +10,7 @@ mod rays;
 mod scatter;
 mod start;
 mod state;
+mod stepper;
 mod trainer;
 mod views;
 mod wrong_masks;
