@@ -1,0 +1,347 @@
+//! The kernels of a step, one after the other.
+
+use burn::backend::DispatchDevice;
+use burn::tensor::{Device, IntDType};
+use cubecl::prelude::*;
+
+use super::buffer::{Buffer, Buffers};
+use super::gather::{self, UNITS};
+use super::levels::{Levels, groups};
+use super::photo::VIEW_COLUMNS;
+use super::rays::{self, LESSON_COLUMNS, WeightsLaunch};
+use super::walk::RegionLaunch;
+use super::{FastError, LatticeLevels, LatticeLosses, LatticeStep, LatticeSums, Photographs, marks};
+
+/// A field on lattices in training on a device.
+pub struct LatticeTrainer {
+    buffers: Buffers,
+    losses: LatticeLosses,
+    views: Buffer,
+    pixels: Buffer,
+    z_depths: Buffer,
+    /// Rays to come, some words each.
+    picks: Buffer,
+    /// Other views that each is compared with.
+    compared: usize,
+    lessons: Buffer,
+    rays: usize,
+    stage: Option<Stage>,
+}
+
+/// What holds from one growth of the lattices to the next.
+struct Stage {
+    half_extent: f32,
+    /// The box of cells that the surface may be in.
+    region: [[u32; 3]; 2],
+    shape: Levels,
+    color: Levels,
+    /// Which nodes are not negative, and which cells rays look at: a bit each.
+    inside: Buffer,
+    marks: Buffer,
+    /// Slopes of the roughness, and its sum in each group of work-items.
+    slopes: Buffer,
+    roughness: Buffer,
+    /// The largest numbers of the last step's lessons as bits, and how many nodes are near the surface.
+    most: Buffer,
+}
+
+impl LatticeTrainer {
+    /// Brings photographs to a device.
+    ///
+    /// # Errors
+    /// When it is no graphics processor, or they are too many for it.
+    pub fn new(device: &Device, photographs: &Photographs, losses: LatticeLosses) -> Result<Self, FastError> {
+        let DispatchDevice::Cube(cube) = device.clone().inner().as_dispatch().clone() else {
+            return Err(FastError::NoGpu);
+        };
+        let buffers = Buffers::new(cube.client(), cube);
+        let mut table = Vec::with_capacity(photographs.views.len() * VIEW_COLUMNS);
+        let mut first = 0u32;
+        for view in &photographs.views {
+            let numbers = [&view.center[..], &view.to_direction, &view.projection, &view.offset].concat();
+            table.extend(numbers.into_iter().map(f32::to_bits));
+            let [width, height] = view.size;
+            table.extend([width, height, first]);
+            first += width * height;
+        }
+        Ok(Self {
+            losses,
+            views: buffers.words("the table of views", table)?,
+            pixels: buffers.words("the photographs", photographs.pixels.clone())?,
+            z_depths: buffers.floats("the depth maps", photographs.z_depths.clone())?,
+            picks: buffers.words("rays", Vec::new())?,
+            compared: 0,
+            lessons: buffers.zero_floats("lessons", 0)?,
+            rays: 0,
+            stage: None,
+            buffers,
+        })
+    }
+
+    /// Takes up levels of shape and colour over `[-half_extent, half_extent]^3`.
+    ///
+    /// # Errors
+    /// When they are too large for the device.
+    pub fn enter(&mut self, half_extent: f32, shape: LatticeLevels, color: LatticeLevels) -> Result<(), FastError> {
+        // What the stage before took is free before this one is brought.
+        self.stage = None;
+        let nodes = shape.levels.last().map_or(2, |(nodes, _)| *nodes);
+        let active = shape.levels.last().map_or(&[][..], |(_, active)| active);
+        let region = region(nodes, active, &shape.values);
+        let (words, slots) = (nodes.div_ceil(32), active.len());
+        let buffers = &self.buffers;
+        let inside = buffers.words("signs of nodes", bits(nodes, &shape.values))?;
+        let stage = Stage {
+            half_extent,
+            region,
+            shape: Levels::new(buffers, 1, shape)?,
+            color: Levels::new(buffers, 3, color)?,
+            inside,
+            marks: buffers.zeros("marks of cells", words * (nodes - 1) * (nodes - 1), IntDType::U32)?,
+            slopes: buffers.zero_floats("slopes of the roughness", slots)?,
+            roughness: buffers.zero_floats("sums of the roughness", slots.div_ceil(UNITS))?,
+            most: buffers.zeros("bounds", 3, IntDType::U32)?,
+        };
+        stage.mark(buffers);
+        self.stage = Some(stage);
+        Ok(())
+    }
+
+    /// Brings rays for the steps to come: for each its view, its pixel, and `compared` other views, `u32::MAX` for none.
+    ///
+    /// # Errors
+    /// When they are too many for the device.
+    pub fn draw(&mut self, picks: Vec<u32>, compared: usize) -> Result<(), FastError> {
+        self.picks = self.buffers.words("rays", picks)?;
+        self.compared = compared;
+        Ok(())
+    }
+
+    /// One step. Nothing is waited for.
+    ///
+    /// # Errors
+    /// When there is no room for so many rays.
+    pub fn step(&mut self, step: &LatticeStep) -> Result<(), FastError> {
+        let Some(stage) = &mut self.stage else { return Ok(()) };
+        let buffers = &self.buffers;
+        if self.rays != step.rays {
+            self.lessons = buffers.zero_floats("lessons", step.rays * LESSON_COLUMNS)?;
+            self.rays = step.rays;
+        }
+        stage.most = buffers.zeros("bounds", 3, IntDType::U32)?;
+        let (client, losses, count) = (&buffers.client, &self.losses, step.rays);
+        let cube = CubeDim::new_1d(UNITS as u32);
+        let (shape, color) = (stage.shape.finest(), stage.color.finest());
+        rays::follow::launch(
+            client,
+            groups(client, count),
+            cube,
+            self.picks.clone().into_buffer_arg(),
+            self.views.clone().into_buffer_arg(),
+            self.pixels.clone().into_buffer_arg(),
+            self.z_depths.clone().into_buffer_arg(),
+            shape.sums.clone().into_buffer_arg(),
+            shape.slots.clone().into_buffer_arg(),
+            stage.marks.clone().into_buffer_arg(),
+            color.sums.clone().into_buffer_arg(),
+            self.lessons.clone().into_buffer_arg(),
+            stage.most.clone().into_buffer_arg(),
+            stage.region_arg(),
+            color.nodes,
+            weights_arg(losses, self.compared),
+            step.first as u32,
+            count as u32,
+            self.compared as u32,
+        );
+        let steps = part_steps(count);
+        gather::scatter::launch(
+            client,
+            groups(client, count),
+            cube,
+            self.lessons.clone().into_buffer_arg(),
+            stage.most.clone().into_buffer_arg(),
+            shape.slots.clone().into_buffer_arg(),
+            color.slots.clone().into_buffer_arg(),
+            stage.shape.lessons.clone().into_buffer_arg(),
+            stage.color.lessons.clone().into_buffer_arg(),
+            count as u32,
+            shape.nodes,
+            color.nodes,
+            stage.half_extent,
+            steps,
+        );
+        stage.gather(buffers, step, losses.roughness_knee, steps);
+        let [shape_rates, color_rates] = step.rates;
+        stage.shape.step(client, shape_rates);
+        stage.color.step(client, color_rates);
+        stage.mark(buffers);
+        Ok(())
+    }
+
+    /// The lessons and losses of the last step: waits for it.
+    ///
+    /// # Errors
+    /// When the device fails.
+    pub fn sums(&self) -> Result<LatticeSums, FastError> {
+        let Some(stage) = &self.stage else { return Ok(LatticeSums { lessons: Vec::new(), roughness: 0.0 }) };
+        let [lessons, roughness, most] = self.buffers.read([&self.lessons, &stage.roughness, &stage.most])?;
+        let near = most.get(2).copied().unwrap_or_default();
+        let sum: f64 = roughness.into_iter().map(|bits| f64::from(f32::from_bits(bits))).sum();
+        let roughness = if near == 0 { 0.0 } else { (sum / f64::from(near)) as f32 };
+        Ok(LatticeSums { lessons: lessons.into_iter().map(f32::from_bits).collect(), roughness })
+    }
+
+    /// The gradients by the active nodes of the finest levels of shape and colour, of the last step.
+    ///
+    /// # Errors
+    /// When the device fails.
+    pub fn gradients(&self) -> Result<[Vec<f32>; 2], FastError> {
+        let Some(stage) = &self.stage else { return Ok(Default::default()) };
+        let read = |levels: &Levels| self.buffers.read_floats(&levels.finest().gradient);
+        Ok([read(&stage.shape)?, read(&stage.color)?])
+    }
+
+    /// What the levels of shape and colour have become, as [`LatticeLevels::state`] is laid out.
+    ///
+    /// # Errors
+    /// When the device fails.
+    pub fn states(&self) -> Result<[Vec<f32>; 2], FastError> {
+        let Some(stage) = &self.stage else { return Ok(Default::default()) };
+        Ok([stage.shape.state(&self.buffers)?, stage.color.state(&self.buffers)?])
+    }
+}
+
+impl Stage {
+    fn region_arg(&self) -> RegionLaunch {
+        let [[low_x, low_y, low_z], [high_x, high_y, high_z]] = self.region;
+        let nodes = self.shape.finest().nodes;
+        RegionLaunch::new(nodes, self.half_extent, low_x, low_y, low_z, high_x, high_y, high_z)
+    }
+
+    /// From sums of lessons to gradients, with what does not come from rays.
+    fn gather(&self, buffers: &Buffers, step: &LatticeStep, knee: f32, steps: f32) {
+        let (client, cube) = (&buffers.client, CubeDim::new_1d(UNITS as u32));
+        let (shape, color) = (self.shape.finest(), self.color.finest());
+        let spacing = 2.0 * self.half_extent / (shape.nodes - 1) as f32;
+        gather::gather_shape::launch(
+            client,
+            groups(client, shape.count),
+            cube,
+            shape.active.clone().into_buffer_arg(),
+            shape.sums.clone().into_buffer_arg(),
+            self.shape.lessons.clone().into_buffer_arg(),
+            self.most.clone().into_buffer_arg(),
+            shape.gradient.clone().into_buffer_arg(),
+            self.slopes.clone().into_buffer_arg(),
+            self.roughness.clone().into_buffer_arg(),
+            shape.count as u32,
+            shape.nodes,
+            spacing,
+            knee,
+            steps,
+        );
+        if step.roughness > 0.0 {
+            gather::spread::launch(
+                client,
+                groups(client, shape.count),
+                cube,
+                shape.active.clone().into_buffer_arg(),
+                shape.slots.clone().into_buffer_arg(),
+                self.slopes.clone().into_buffer_arg(),
+                self.most.clone().into_buffer_arg(),
+                shape.gradient.clone().into_buffer_arg(),
+                shape.count as u32,
+                shape.nodes,
+                spacing,
+                step.roughness,
+            );
+        }
+        let ([red, green, blue], weight) = step.rest;
+        gather::gather_color::launch(
+            client,
+            groups(client, color.count),
+            cube,
+            color.active.clone().into_buffer_arg(),
+            color.sums.clone().into_buffer_arg(),
+            self.color.lessons.clone().into_buffer_arg(),
+            self.most.clone().into_buffer_arg(),
+            color.gradient.clone().into_buffer_arg(),
+            color.count as u32,
+            red,
+            green,
+            blue,
+            weight,
+            steps,
+        );
+    }
+
+    /// Marks the cells of the values that there are now.
+    fn mark(&self, buffers: &Buffers) {
+        let (client, cube, shape) = (&buffers.client, CubeDim::new_1d(UNITS as u32), self.shape.finest());
+        marks::sign::launch(
+            client,
+            groups(client, shape.count),
+            cube,
+            shape.active.clone().into_buffer_arg(),
+            shape.sums.clone().into_buffer_arg(),
+            self.inside.clone().into_buffer_arg(),
+            shape.count as u32,
+            shape.nodes,
+        );
+        let cells = shape.nodes as usize - 1;
+        marks::mark::launch(
+            client,
+            groups(client, shape.nodes.div_ceil(32) as usize * cells * cells),
+            cube,
+            self.inside.clone().into_buffer_arg(),
+            self.marks.clone().into_buffer_arg(),
+            shape.nodes,
+        );
+    }
+}
+
+fn weights_arg(losses: &LatticeLosses, compared: usize) -> WeightsLaunch {
+    WeightsLaunch::new(
+        losses.color,
+        losses.texture,
+        losses.cross_view,
+        losses.cross_view_limit,
+        losses.structure,
+        losses.structure_limit,
+        losses.structure_stride,
+        losses.depth,
+        losses.mask,
+        losses.sharpness,
+        losses.eikonal,
+        losses.grazing,
+        compared.max(1) as f32,
+    )
+}
+
+/// How many units a number is cut into so that so many of them add up without overflow: see [`gather`].
+fn part_steps(count: usize) -> f32 {
+    let bits = 30u32.saturating_sub(count.next_power_of_two().ilog2()).min(20);
+    (1u32 << bits) as f32
+}
+
+/// The smallest box of cells that holds all that can ever be inside: from the first up to but without the second corner.
+fn region(nodes: usize, active: &[u32], values: &[f32]) -> [[u32; 3]; 2] {
+    let (mut low, mut high) = ([u32::MAX; 3], [0; 3]);
+    let (edge, last) = (nodes as u32, nodes as u32 - 1);
+    let inside = (0..).zip(values).filter(|(_, value)| **value >= 0.0).map(|(node, _)| node);
+    for node in inside.chain(active.iter().copied()) {
+        let coordinates = [node % edge, node / edge % edge, node / (edge * edge)];
+        for axis in 0..3 {
+            // The cells on either side of a node.
+            low[axis] = low[axis].min(coordinates[axis].saturating_sub(1));
+            high[axis] = high[axis].max((coordinates[axis] + 1).min(last));
+        }
+    }
+    if high == [0; 3] { [[0; 3]; 2] } else { [low, high] }
+}
+
+/// Whether each node is not negative, a bit each, in rows of whole words.
+fn bits(nodes: usize, values: &[f32]) -> Vec<u32> {
+    let rows = values.chunks(nodes).flat_map(|row| row.chunks(32));
+    rows.map(|run| run.iter().zip(0..).fold(0, |word, (value, bit)| word | u32::from(*value >= 0.0) << bit)).collect()
+}
