@@ -77,7 +77,18 @@ pub(super) fn patch(
         is_whole = is_whole && within && is_object(pixel) && is_near;
     }
     let variance = center(&mut brightness);
-    Patch { is_whole, u, v, stride, origin: origin.copied(), normal: normal.copied(), height, slope, brightness, variance }
+    Patch {
+        is_whole,
+        u,
+        v,
+        stride,
+        origin: origin.copied(),
+        normal: normal.copied(),
+        height,
+        slope,
+        brightness,
+        variance,
+    }
 }
 
 #[cube]

@@ -100,8 +100,7 @@ pub(super) fn follow(
         let place = view.index(u, v);
         let shown = pixels[place];
         let (origin, direction) = (view.center(views), view.direction(views, u, v));
-        let pixel =
-            Pixel { view, u, v, origin: origin.copied(), direction: direction.copied(), color: color(shown) };
+        let pixel = Pixel { view, u, v, origin: origin.copied(), direction: direction.copied(), color: color(shown) };
         let hit = first_crossing(values, marks, &region, &origin, &direction, 0.0f32, f32::new(FAR));
         let (shows, hits) = (is_object(shown), hit >= 0.0f32);
         if shows || hits {

@@ -34,20 +34,25 @@ impl CpuStepper {
         }
     }
 
-    /// Follows the rays of one step.
-    pub fn lessons(&self, job: &StepJob, shape: &Levels<1>, color: &Levels<3>) -> (Vec<Lesson>, Tally) {
-        let StepJob { config, views, order, rays_drawn, .. } = *job;
-        let scene = Scene {
-            views,
+    /// Field and pictures as rays see them.
+    pub fn scene<'a>(&'a self, job: &StepJob<'a>, shape: &'a Levels<1>, color: &'a Levels<3>) -> Scene<'a> {
+        Scene {
+            views: job.views,
             shape: shape.lattice(),
             values: shape.baked(),
             active: &self.shape_active,
             map: &self.map,
             colors: color.lattice(),
             color_values: color.baked(),
-            losses: &config.losses,
-            compared_views: config.compared_views,
-        };
+            losses: &job.config.losses,
+            compared_views: job.config.compared_views,
+        }
+    }
+
+    /// Follows the rays of one step.
+    fn lessons(&self, job: &StepJob, shape: &Levels<1>, color: &Levels<3>) -> (Vec<Lesson>, Tally) {
+        let StepJob { config, views, order, rays_drawn, .. } = *job;
+        let scene = self.scene(job, shape, color);
         let seed = config.seed;
         let chunks: Vec<(Vec<Lesson>, Tally)> = (0..config.rays.div_ceil(CHUNK))
             .into_par_iter()

@@ -3,6 +3,8 @@
 mod clock;
 mod config;
 mod cpu;
+#[cfg(feature = "gpu")]
+mod device;
 mod growth;
 mod levels;
 mod patch;

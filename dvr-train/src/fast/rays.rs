@@ -235,4 +235,4 @@ pub(super) fn mean_object_color(views: &[&View]) -> Vec3 {
 
 #[cfg(test)]
 #[path = "rays_tests.rs"]
-mod tests;
+pub(super) mod tests;

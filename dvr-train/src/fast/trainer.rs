@@ -2,10 +2,12 @@
 
 use std::borrow::Cow;
 
+use burn::tensor::Device;
 use dvr_core::UnitCube;
 use dvr_core::hull::MaskDistance;
 use dvr_kernels::{ActiveNodes, Lattice};
 use dvr_model::{LatticeField, LatticeValues, lattice_file};
+use dvr_render::is_gpu;
 use rayon::prelude::*;
 
 use super::clock::PartTimes;
@@ -103,6 +105,26 @@ impl<'a> FastTrainer<'a> {
             notes,
             times: PartTimes::default(),
         })
+    }
+
+    /// Lets a device carry out the steps. What is no graphics processor leaves them where they are.
+    ///
+    /// Steps on a graphics processor draw the same rays as on the processor, and tell their losses in every tenth step. Everything
+    /// else, from the visual hull to the judging of a stage, stays on the processor.
+    ///
+    /// # Errors
+    /// When the photographs or the lattices do not fit into the device.
+    #[cfg_attr(not(feature = "gpu"), expect(unused_mut, reason = "there are no graphics processors in this build"))]
+    pub fn on(mut self, device: &Device) -> Result<Self> {
+        if !is_gpu(device) || self.config.steps == 0 {
+            return Ok(self);
+        }
+        #[cfg(feature = "gpu")]
+        {
+            self.stepper = Box::new(super::device::DeviceStepper::new(device, &self.packed, &self.config)?);
+            self.follow_levels()?;
+        }
+        Ok(self)
     }
 
     /// Ends a stage: keeps what it brought or takes it back, and grows or ends.
