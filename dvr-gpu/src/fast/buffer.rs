@@ -1,5 +1,7 @@
 //! Numbers on the device, in rows without gaps.
 
+use std::cell::Cell;
+
 use burn::backend::ops::{FloatTensorOps, IntTensorOps};
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Cube, TensorMetadata};
@@ -15,15 +17,21 @@ pub(super) type CubeDevice = burn::backend::tensor::Device<Cube>;
 pub(super) type Buffer = FloatTensor<Cube>;
 
 /// Makes buffers, none larger than the device's largest.
-#[derive(Clone)]
 pub(super) struct Buffers {
     pub client: Client,
     device: CubeDevice,
+    /// How often the device was waited for.
+    reads: Cell<usize>,
 }
 
 impl Buffers {
     pub fn new(client: Client, device: CubeDevice) -> Self {
-        Self { client, device }
+        Self { client, device, reads: Cell::new(0) }
+    }
+
+    /// How often the device was waited for.
+    pub fn reads(&self) -> usize {
+        self.reads.get()
     }
 
     /// Whether so many numbers of four bytes find room.
@@ -57,20 +65,15 @@ impl Buffers {
         Ok(Cube::int_zeros(self.check(what, length)?, &self.device, kind))
     }
 
-    /// Reads buffers back, all at once: what the device was given before is waited for.
-    pub fn read<const N: usize>(&self, buffers: [&Buffer; N]) -> Result<[Vec<u32>; N], FastError> {
+    /// Reads buffers back, all at once, as words: what the device was given before is waited for.
+    pub fn read(&self, buffers: &[&Buffer]) -> Result<Vec<Vec<u32>>, FastError> {
+        self.reads.set(self.reads.get() + 1);
         let handles = buffers.iter().map(|buffer| buffer.handle.clone()).collect();
         let bytes = self.client.read(handles).map_err(|e| FastError::Device(e.to_string()))?;
-        let mut read = bytes.iter().zip(buffers).map(|(bytes, buffer)| {
+        let read = bytes.iter().zip(buffers).map(|(bytes, buffer)| {
             let (words, _) = bytes.as_chunks::<4>();
             words.iter().take(buffer.shape()[0]).map(|&word| u32::from_le_bytes(word)).collect()
         });
-        Ok(std::array::from_fn(|_| read.next().unwrap_or_default()))
-    }
-
-    /// Reads one buffer of floats.
-    pub fn read_floats(&self, buffer: &Buffer) -> Result<Vec<f32>, FastError> {
-        let [words] = self.read([buffer])?;
-        Ok(words.into_iter().map(f32::from_bits).collect())
+        Ok(read.collect())
     }
 }

@@ -93,7 +93,7 @@ impl Cubic {
         let mut high = to;
         let at_low = self.value(low);
         let at_high = self.value(high);
-        let mut t = low + (high - low) * (at_low / (at_low - at_high)).max(0.0f32).min(1.0f32);
+        let mut t = low + (high - low) * (at_low / (at_low - at_high)).clamp(0.0f32, 1.0f32);
         let mut left = u32::new(MAX_ITERATIONS as i64);
         while left > 0u32 {
             left -= 1u32;

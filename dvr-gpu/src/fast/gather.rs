@@ -152,7 +152,7 @@ pub(super) fn gather_shape(
             sum += shares[i];
             nearby += near[i];
         }
-        roughness[CUBE_POS as usize] = sum;
+        roughness[CUBE_POS] = sum;
         if nearby > 0u32 {
             most[2].fetch_add(nearby);
         }

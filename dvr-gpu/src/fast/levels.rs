@@ -143,11 +143,11 @@ impl Levels {
 
     /// Steps done, then parameters and moments of each level, coarse to fine, in one row.
     pub fn state(&self, buffers: &Buffers) -> Result<Vec<f32>, FastError> {
+        let parts: Vec<&Buffer> =
+            self.levels.iter().flat_map(|level| [&level.parameters, &level.first, &level.second]).collect();
         let mut state = vec![self.steps as f32];
-        for level in &self.levels {
-            for words in buffers.read([&level.parameters, &level.first, &level.second])? {
-                state.extend(words.into_iter().take(self.channels * level.count).map(f32::from_bits));
-            }
+        for (words, level) in buffers.read(&parts)?.into_iter().zip(self.levels.iter().flat_map(|level| [level; 3])) {
+            state.extend(words.into_iter().take(self.channels * level.count).map(f32::from_bits));
         }
         Ok(state)
     }

@@ -4,13 +4,19 @@
 
 use cubecl::prelude::*;
 
+/// Words a row of nodes.
+#[cube]
+pub(super) fn words(nodes: u32) -> u32 {
+    (nodes - 1u32) / 32u32 + 1u32
+}
+
 /// Brings the bits of the active nodes up to date, in rows of whole words: whether their values are not negative.
 #[cube(launch)]
 pub(super) fn sign(active: &[u32], values: &[f32], inside: &mut [Atomic<u32>], count: u32, nodes: u32) {
     let slot = ABSOLUTE_POS;
     if slot < count as usize {
         let node = active[slot];
-        let words = (nodes + 31u32) / 32u32;
+        let words = words(nodes);
         let x = node % nodes;
         let word = (node / nodes * words + x / 32u32) as usize;
         let bit = 1u32 << (x % 32u32);
@@ -25,7 +31,7 @@ pub(super) fn sign(active: &[u32], values: &[f32], inside: &mut [Atomic<u32>], c
 /// From nodes to cells, a word each: whether one of a cell's corners is not negative.
 #[cube(launch)]
 pub(super) fn mark(inside: &[u32], marks: &mut [u32], nodes: u32) {
-    let words = (nodes + 31u32) / 32u32;
+    let words = words(nodes);
     let cells = nodes - 1u32;
     let at = ABSOLUTE_POS as u32;
     if at < words * cells * cells {

@@ -85,9 +85,10 @@ pub(super) fn descend(
         let node = active[slot];
         let coarse_nodes = nodes / 2u32 + 1u32;
         let (x, y, z) = (node % nodes, node / nodes % nodes, node / (nodes * nodes));
-        let (x0, x1) = (x / 2u32, (x + 1u32) / 2u32);
-        let (y0, y1) = (y / 2u32, (y + 1u32) / 2u32);
-        let (z0, z1) = (z / 2u32, (z + 1u32) / 2u32);
+        // The coarse nodes on either side, the same one where one lies there.
+        let (x0, x1) = (x / 2u32, x - x / 2u32);
+        let (y0, y1) = (y / 2u32, y - y / 2u32);
+        let (z0, z1) = (z / 2u32, z - z / 2u32);
         let row00 = (z0 * coarse_nodes + y0) * coarse_nodes;
         let row10 = (z0 * coarse_nodes + y1) * coarse_nodes;
         let row01 = (z1 * coarse_nodes + y0) * coarse_nodes;

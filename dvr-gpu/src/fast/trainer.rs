@@ -184,11 +184,18 @@ impl LatticeTrainer {
     /// When the device fails.
     pub fn sums(&self) -> Result<LatticeSums, FastError> {
         let Some(stage) = &self.stage else { return Ok(LatticeSums { lessons: Vec::new(), roughness: 0.0 }) };
-        let [lessons, roughness, most] = self.buffers.read([&self.lessons, &stage.roughness, &stage.most])?;
+        let mut read = self.buffers.read(&[&self.lessons, &stage.roughness, &stage.most])?.into_iter();
+        let mut next = || read.next().unwrap_or_default();
+        let (lessons, roughness, most) = (next(), next(), next());
         let near = most.get(2).copied().unwrap_or_default();
         let sum: f64 = roughness.into_iter().map(|bits| f64::from(f32::from_bits(bits))).sum();
         let roughness = if near == 0 { 0.0 } else { (sum / f64::from(near)) as f32 };
         Ok(LatticeSums { lessons: lessons.into_iter().map(f32::from_bits).collect(), roughness })
+    }
+
+    /// How often the device was waited for so far.
+    pub fn reads(&self) -> usize {
+        self.buffers.reads()
     }
 
     /// The gradients by the active nodes of the finest levels of shape and colour, of the last step.
@@ -197,8 +204,9 @@ impl LatticeTrainer {
     /// When the device fails.
     pub fn gradients(&self) -> Result<[Vec<f32>; 2], FastError> {
         let Some(stage) = &self.stage else { return Ok(Default::default()) };
-        let read = |levels: &Levels| self.buffers.read_floats(&levels.finest().gradient);
-        Ok([read(&stage.shape)?, read(&stage.color)?])
+        let read = self.buffers.read(&[&stage.shape.finest().gradient, &stage.color.finest().gradient])?;
+        let mut floats = read.into_iter().map(|words| words.into_iter().map(f32::from_bits).collect());
+        Ok([floats.next().unwrap_or_default(), floats.next().unwrap_or_default()])
     }
 
     /// What the levels of shape and colour have become, as [`LatticeLevels::state`] is laid out.

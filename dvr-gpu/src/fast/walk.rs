@@ -5,6 +5,7 @@
 use cubecl::prelude::*;
 
 use super::cubic::{Cubic, NOWHERE};
+use super::marks::words;
 use super::space::{Grid, Point, grid};
 
 /// Farther than anything.
@@ -177,9 +178,9 @@ impl Walk {
         (self.z.read() * nodes + self.y.read()) * nodes + self.x.read()
     }
 
-    /// Whether the surface may pass through it, or it is inside: see [`super::nodes::mark`].
+    /// Whether the surface may pass through it, or it is inside: see [`super::marks::mark`].
     pub fn is_marked(&self, marks: &[u32], nodes: u32) -> bool {
-        let words = (nodes + 31u32) / 32u32;
+        let words = words(nodes);
         let word = (self.z.read() * (nodes - 1u32) + self.y.read()) * words + self.x.read() / 32u32;
         ((marks[word as usize] >> (self.x.read() % 32u32)) & 1u32) == 1u32
     }

@@ -41,6 +41,8 @@ fn views() -> Vec<View> {
 fn config() -> FastConfig {
     FastConfig {
         rays: RAYS,
+        // One more than there are neighbours.
+        compared_views: 3,
         losses: FastLosses { depth: 5.0, texture: 0.5, cross_view_limit: 3.0, ..FastLosses::default() },
         ..FastConfig::new(Supervision::RgbDepth)
     }
@@ -54,6 +56,7 @@ struct Fixture {
     shape: Levels<1>,
     color: Levels<3>,
     rays_drawn: u64,
+    is_reported: bool,
 }
 
 impl Fixture {
@@ -67,11 +70,12 @@ impl Fixture {
         let gray = vec![0.5; 3 * colored.lattice().len()];
         Self {
             config: config(),
-            packed: FastView::pack(&references, 4),
+            packed: FastView::pack(&references, 2),
             order: PixelOrder::new(&references, &masks, |_| 6.0),
             shape,
             color: Levels::new(colored, gray, 1),
             rays_drawn: 0,
+            is_reported: true,
         }
     }
 
@@ -83,7 +87,7 @@ impl Fixture {
             rays_drawn: self.rays_drawn,
             mean_color: [0.4, 0.5, 0.6],
             decay: 1.0,
-            is_reported: true,
+            is_reported: self.is_reported,
             times,
         }
     }
@@ -195,6 +199,21 @@ fn a_step_teaches_and_moves_what_it_does_on_the_processor() {
     println!("gradients {gradients_apart:?} apart, parameters and moments {levels_apart:?}");
     assert!(gradients_apart.iter().all(|&apart| apart < if unlike == 0 { 1e-3 } else { 0.1 }), "{gradients_apart:?}");
     assert!(levels_apart.iter().all(|&apart| apart < if unlike == 0 { 1e-3 } else { 0.1 }), "{levels_apart:?}");
+}
+
+#[test]
+fn nothing_is_waited_for_unless_somebody_looks() {
+    let Some(device) = graphics_processor() else { return };
+    let mut fixture = Fixture::new();
+    let mut stepper = fixture.device(&device);
+    fixture.is_reported = false;
+    assert!(fixture.steps(&mut stepper, 12).is_none());
+    assert_eq!(stepper.trainer().reads(), 0);
+    fixture.is_reported = true;
+    assert!(fixture.steps(&mut stepper, 1).is_some());
+    assert_eq!(stepper.trainer().reads(), 1, "the losses of a step, at once");
+    stepper.levels().unwrap();
+    assert_eq!(stepper.trainer().reads(), 3, "the levels of shape and of colour");
 }
 
 #[test]
