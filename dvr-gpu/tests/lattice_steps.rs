@@ -19,12 +19,12 @@ const LOSSES: LatticeLosses = LatticeLosses {
     grazing: 0.05,
 };
 
-/// Four pixels of an object.
+/// Four pixels of an object; the ray of the first goes along z.
 fn photographs() -> Photographs {
     let identity = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
     let view = Photograph {
         center: [0.0, 0.0, -2.0],
-        to_direction: identity,
+        to_direction: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, -0.5, -0.5, 1.0],
         projection: identity,
         offset: [0.0; 3],
         size: [2, 2],

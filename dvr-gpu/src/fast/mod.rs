@@ -4,6 +4,7 @@
 //! asked. Its results do not depend on the order in which work-items run: the same device gives the same bits.
 
 mod buffer;
+mod cross_view;
 mod cubic;
 mod gather;
 mod levels;
@@ -13,8 +14,10 @@ mod photo;
 mod pyramid;
 mod rays;
 mod space;
+mod stage;
 mod trainer;
 mod walk;
+mod weights;
 
 pub use rays::LESSON_COLUMNS;
 pub use trainer::LatticeTrainer;
@@ -34,6 +37,12 @@ pub enum FastError {
         mebibytes: u64,
         /// How large it may be.
         most: u64,
+    },
+    /// Its kernels are given too few pieces of memory.
+    #[error("this graphics processor gives a kernel {bindings} pieces of memory, and 11 are needed")]
+    TooFewBindings {
+        /// How many it gives.
+        bindings: u32,
     },
     /// The driver gave up.
     #[error("the graphics processor failed: {0}")]

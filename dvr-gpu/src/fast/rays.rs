@@ -4,10 +4,11 @@
 
 use cubecl::prelude::*;
 
-use super::patch::patch;
-use super::photo::{Photo, color, is_object, photo};
+use super::cross_view::{Disagreement, Pixel, cross_view};
+use super::photo::{color, is_object, photo};
 use super::space::{Point, grid};
 use super::walk::{FAR, Region, first_crossing, walk};
+use super::weights::Weights;
 
 /// Numbers of a lesson: point, gradient by the shape's value, by its gradient (per cell), by the colour; then the ray's losses by
 /// colour, cross-view colour, structure, depth and mask, and whether it hits and shows the object, and does either.
@@ -18,51 +19,6 @@ pub(super) const NONE: u32 = u32::MAX;
 
 /// Below every value.
 const NOTHING: f32 = -3.0e38;
-
-/// Cosine between normal and line of sight below which another view is not asked.
-const MIN_COSINE: f32 = 0.15;
-
-/// Cells that a line of sight leaves the surface by before it is tested for occlusion.
-const CLEARANCE: f32 = 1.5;
-
-/// Weights of the losses.
-#[derive(CubeLaunch, CubeType, Clone, Copy)]
-pub(super) struct Weights {
-    pub color: f32,
-    pub texture: f32,
-    pub cross_view: f32,
-    pub cross_view_limit: f32,
-    pub structure: f32,
-    pub structure_limit: f32,
-    pub structure_stride: u32,
-    pub depth: f32,
-    pub mask: f32,
-    pub sharpness: f32,
-    pub eikonal: f32,
-    /// Cosine at which slopes of grazing rays are damped.
-    pub grazing: f32,
-    /// What a sum over compared views is divided by.
-    pub compared: f32,
-}
-
-/// A pixel that is followed.
-#[derive(CubeType)]
-struct Pixel {
-    view: Photo,
-    u: u32,
-    v: u32,
-    origin: Point,
-    direction: Point,
-    color: Point,
-}
-
-/// A loss in the making: the ray's sums, and the gradient of all by the depth.
-#[derive(CubeType)]
-struct Disagreement {
-    by_depth: RuntimeCell<f32>,
-    color: RuntimeCell<f32>,
-    structure: RuntimeCell<f32>,
-}
 
 /// Follows the rays `first..first + count` of `picks` (for each: view, pixel, then `compared` other views to compare with) and writes
 /// down a lesson each; `most[0]` and `most[1]` are raised to the bits of the largest number that a lesson adds to a node of the shape
@@ -229,58 +185,6 @@ fn surface_lesson(
     lessons[at + 7] = by_color * sign.x;
     lessons[at + 8] = by_color * sign.y;
     lessons[at + 9] = by_color * sign.z;
-}
-
-/// Adds up how a point of the surface disagrees with other views.
-#[cube]
-fn cross_view(
-    picks: &[u32],
-    views: &[u32],
-    pixels: &[u32],
-    values: &[f32],
-    marks: &[u32],
-    pixel: &Pixel,
-    region: &Region,
-    weights: &Weights,
-    point: &Point,
-    inward: &Point,
-    others: usize,
-    compared: u32,
-    found: &Disagreement,
-) {
-    let own =
-        patch(views, pixels, &pixel.view, pixel.u, pixel.v, weights.structure_stride, &pixel.origin, point, inward);
-    for k in 0..compared {
-        let other = picks[others + k as usize];
-        if other != NONE {
-            let view = photo(views, other);
-            let to_view = view.center(views).minus(point);
-            let distance = to_view.length();
-            let seen = view.reproject(views, pixels, point, &pixel.direction);
-            let faces = -inward.dot(&to_view) >= MIN_COSINE * distance;
-            let mut shows = seen.is_object && faces;
-            if shows {
-                let clearance = CLEARANCE * region.grid().spacing / distance;
-                shows = first_crossing(values, marks, region, point, &to_view, clearance, 1.0f32) < 0.0f32;
-            }
-            if shows {
-                let residual = seen.color.minus(&pixel.color);
-                let size = residual.size();
-                if size < weights.cross_view_limit {
-                    found.color.store(found.color.read() + size);
-                    let by_depth = weights.cross_view * residual.signs().dot(&seen.derivative);
-                    found.by_depth.store(found.by_depth.read() + by_depth);
-                }
-                if weights.structure > 0.0f32 {
-                    let likeness = own.compare(views, pixels, &pixel.view, &view);
-                    if likeness.is_seen && likeness.correlation > weights.structure_limit {
-                        found.structure.store(found.structure.read() + 1.0f32 - likeness.correlation);
-                        found.by_depth.store(found.by_depth.read() - weights.structure * likeness.derivative);
-                    }
-                }
-            }
-        }
-    }
 }
 
 /// A ray that hits though its pixel shows background (`sign` 1), or misses though it shows the object (-1): the point of the largest

@@ -153,7 +153,7 @@ fn tally(lessons: &[f32]) -> Tally {
 fn failed(problem: FastError) -> Error {
     let remedy = match problem {
         FastError::TooLarge { .. } => "--downscale and a lower --capacity take less; --backend cpu has no such bound",
-        FastError::NoGpu | FastError::Device(_) => "--backend cpu does without",
+        FastError::NoGpu | FastError::TooFewBindings { .. } | FastError::Device(_) => "--backend cpu does without",
     };
     Error::Config(format!("{problem}. {remedy}"))
 }
