@@ -60,11 +60,16 @@ struct Fixture {
 }
 
 impl Fixture {
-    fn new() -> Self {
+    /// With this much noise on its distances, in spacings: rays then cross the surface many times.
+    fn new(noise: f32) -> Self {
         let views: &'static [View] = views().leak();
         let references: Vec<&View> = views.iter().collect();
         let masks: Vec<MaskDistance> = views.iter().map(|view| MaskDistance::new(&view.camera, &view.mask)).collect();
-        let (base, active) = hull_start(&masks, &Lattice::new(33, 0.55), 0);
+        let lattice = Lattice::new(33, 0.55);
+        let (mut base, active) = hull_start(&masks, &lattice, 0);
+        for node in active.iter() {
+            base[node] += noise * lattice.spacing() * (mix(node as u64) as f32 / u64::MAX as f32 - 0.5);
+        }
         let shape = Levels::new(active, base, 2);
         let colored = shape.active().coarser();
         let gray = vec![0.5; 3 * colored.lattice().len()];
@@ -153,11 +158,17 @@ fn row(stepper: &CpuStepper, fixture: &Fixture, ray: usize) -> [f32; LESSON_COLU
 #[test]
 fn a_step_teaches_and_moves_what_it_does_on_the_processor() {
     let Some(device) = graphics_processor() else { return };
-    let mut fixture = Fixture::new();
+    for noise in [0.0, 3.0] {
+        println!("noise of {noise} spacings");
+        compare_a_step(Fixture::new(noise), &device);
+    }
+}
+
+fn compare_a_step(mut fixture: Fixture, device: &Device) {
     // Away from the start, where much is zero.
     let mut on_cpu = CpuStepper::new(&fixture.shape, &fixture.color);
     fixture.steps(&mut on_cpu, 3);
-    let mut on_gpu = fixture.device(&device);
+    let mut on_gpu = fixture.device(device);
     let rows: Vec<_> = (0..RAYS).map(|ray| row(&on_cpu, &fixture, ray)).collect();
     let largest: [f32; LESSON_COLUMNS] =
         std::array::from_fn(|i| rows.iter().fold(0.0f32, |most, row| most.max(row[i].abs())));
@@ -204,7 +215,7 @@ fn a_step_teaches_and_moves_what_it_does_on_the_processor() {
 #[test]
 fn nothing_is_waited_for_unless_somebody_looks() {
     let Some(device) = graphics_processor() else { return };
-    let mut fixture = Fixture::new();
+    let mut fixture = Fixture::new(0.0);
     let mut stepper = fixture.device(&device);
     fixture.is_reported = false;
     assert!(fixture.steps(&mut stepper, 12).is_none());
@@ -220,7 +231,7 @@ fn nothing_is_waited_for_unless_somebody_looks() {
 fn steps_give_the_same_bits_twice_and_after_a_break() {
     let Some(device) = graphics_processor() else { return };
     let after = |breaks: bool| {
-        let mut fixture = Fixture::new();
+        let mut fixture = Fixture::new(0.0);
         let mut stepper = fixture.device(&device);
         fixture.steps(&mut stepper, 3);
         if breaks {
