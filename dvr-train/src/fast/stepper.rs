@@ -23,6 +23,7 @@ pub(super) struct StepJob<'a> {
     /// Factor of the step sizes.
     pub decay: f64,
     /// Whether anybody will look at the losses.
+    #[cfg_attr(not(feature = "gpu"), expect(dead_code, reason = "on the processor they are at hand in any case"))]
     pub is_reported: bool,
     pub times: &'a mut PartTimes,
 }
