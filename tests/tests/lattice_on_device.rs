@@ -81,11 +81,14 @@ fn a_run_goes_on_on_the_device_as_if_it_had_not_stopped_and_on_the_cpu_too() {
     let Some(gpu) = graphics_processor() else { return };
     let steps = 8;
     let mut unbroken = trainer(&gpu, 0, steps);
-    let mut states = Vec::new();
+    let (mut states, mut losses) = (Vec::new(), Vec::new());
     for _ in 0..2 * steps {
-        unbroken.step().unwrap();
+        losses.push(unbroken.step().unwrap().loss);
         states.push(unbroken.state().unwrap());
     }
+    // Losses are read in the first step, in every tenth, and at the end of a stage.
+    losses.dedup();
+    assert_eq!(losses.len(), 4, "{losses:?}");
     let goes_on = |device: &Device, done: usize| {
         let mut resumed = trainer(device, 0, steps);
         resumed.resume(&states[done - 1], done).unwrap();

@@ -145,7 +145,8 @@ pub(super) fn gather_shape(
         near[unit] = select(is_near, 1u32, 0u32);
     }
     sync_cube();
-    if unit == 0 {
+    // There may be more groups than nodes need.
+    if unit == 0 && slot < count as usize {
         let mut sum = 0.0f32;
         let mut nearby = 0u32;
         for i in 0..UNITS {

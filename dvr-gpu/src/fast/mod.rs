@@ -71,7 +71,8 @@ pub struct Photographs {
     pub views: Vec<Photograph>,
     /// Their pixels, row by row: red, green and blue from the lowest byte on, and 1 in the highest where the object is shown.
     pub pixels: Vec<u32>,
-    /// Their pixels' z-depths, not finite where nothing was measured; empty without depth maps.
+    /// Their pixels' z-depths, `f32::MAX` where nothing was measured (devices need not know what is not finite); empty without depth
+    /// maps.
     pub z_depths: Vec<f32>,
 }
 

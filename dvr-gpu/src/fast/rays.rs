@@ -160,7 +160,7 @@ fn surface_lesson(
         lessons[at + 11] = found.color.read();
         lessons[at + 12] = found.structure.read();
     }
-    // Not finite where nothing was measured.
+    // Beyond everything where nothing was measured.
     if weights.depth > 0.0f32 && z_depth.abs() < f32::new(FAR) {
         // Ray depth is z-depth; in space a step of it is as long as the direction.
         let error = depth - z_depth;

@@ -34,7 +34,12 @@ fn views() -> Vec<View> {
         let (turn, height) = (0.55 * i as f64, 0.7 * (0.9 * i as f64).sin());
         DVec3::new(1.5 * turn.sin(), height, -1.5 * turn.cos())
     };
-    (0..10).map(|i| view(eye(i))).collect()
+    let mut views: Vec<View> = (0..10).map(|i| view(eye(i))).collect();
+    // Depth maps have gaps.
+    for depth in views.iter_mut().filter_map(|view| view.depth.as_mut()) {
+        depth.z_depth.iter_mut().step_by(7).for_each(|z_depth| *z_depth = f32::NAN);
+    }
+    views
 }
 
 /// All losses at once.

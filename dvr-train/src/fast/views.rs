@@ -119,10 +119,11 @@ impl<'a> FastView<'a> {
         })
     }
 
-    /// The z-depth of each pixel, not finite where nothing was measured.
+    /// The z-depth of each pixel, `f32::MAX` where nothing was measured.
     #[cfg(feature = "gpu")]
     pub fn z_depths(&self) -> impl Iterator<Item = f32> {
-        (0..self.colors.len()).map(|index| self.z_depth.get(index).copied().unwrap_or(f32::NAN))
+        let measured = |index: usize| self.z_depth.get(index).copied().filter(|depth| depth.is_finite());
+        (0..self.colors.len()).map(move |index| measured(index).unwrap_or(f32::MAX))
     }
 
     /// Brightness of a pixel; `None` out of the frame and off the object.
