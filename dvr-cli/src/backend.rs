@@ -49,16 +49,33 @@ impl Backend {
         }
     }
 
-    /// The device for what a method has trained, or is to train. Fields on lattices are computed on the CPU, and where something
-    /// else was asked for that is said.
+    /// The device on which a method is to train. The visual hull has no steps to train, and a second CPU backend is nothing to fields
+    /// on lattices: where something else was asked for, that is said.
+    ///
+    /// # Errors
+    /// As [`Backend::device`].
+    pub fn training_device(self, method: &Method) -> Result<Device> {
+        match (method, self) {
+            (Method::Lattice(config), Self::Gpu(_) | Self::Cuda(_)) if config.steps > 0 => self.device(),
+            (Method::Lattice(config), _) if self != Self::Cpu => {
+                let name = if config.steps == 0 { "hull" } else { "fast" };
+                eprintln!("note: --method {name} is computed on the CPU, and --backend {self} changes nothing");
+                Ok(Device::flex())
+            }
+            _ => self.device(),
+        }
+    }
+
+    /// The device for what a method has trained. Meshes and pictures of fields on lattices are made on the CPU, in a fraction of the
+    /// time that it takes to open another device; where something else was asked for, that is said.
     ///
     /// # Errors
     /// As [`Backend::device`].
     pub fn device_for(self, method: &Method) -> Result<Device> {
         if matches!(method, Method::Lattice(_)) && self != Self::Cpu {
             eprintln!(
-                "note: fields of --method fast and hull are computed on the CPU, and --backend {self} changes nothing; \
-                 --method network and classic use it"
+                "note: meshes and pictures of --method fast and hull are computed on the CPU, and --backend {self} changes \
+                 nothing; training with --method fast uses it"
             );
             return Ok(Device::flex());
         }

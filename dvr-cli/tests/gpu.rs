@@ -67,7 +67,29 @@ fn the_whole_job_runs_on_a_graphics_processor() {
 }
 
 #[test]
-fn a_field_on_lattices_says_that_it_stays_on_the_cpu() {
+fn the_fast_method_trains_on_a_graphics_processor_and_its_mesh_is_made_here() {
+    if !has_adapter() {
+        return;
+    }
+    let tiny = Tiny::new();
+    let (scene, out) = (tiny.scene(), tiny.path("fast"));
+    let small = ["--steps", "12", "--capacity", "32", "--set", "rays=128", "--resolution", "32", "--no-report"];
+    let mut train = vec!["train", text(&scene), "--out", text(&out), "--backend", "gpu"];
+    train.extend(small);
+    let output = dvr(&train);
+    let report = succeeds(&output);
+    assert!(report.contains("mesh:"), "{report}");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(said.contains("computing on gpu:0") && !said.contains("computed on the CPU"), "{said}");
+    let mesh = tiny.path("mesh.ply");
+    let meshed = dvr(&["mesh", text(&out), "--out", text(&mesh), "--resolution", "16", "--backend", "gpu"]);
+    succeeds(&meshed);
+    let said = String::from_utf8_lossy(&meshed.stderr);
+    assert!(said.contains("computed on the CPU"), "{said}");
+}
+
+#[test]
+fn the_visual_hull_says_that_it_stays_on_the_cpu() {
     let tiny = Tiny::new();
     let (scene, out) = (tiny.scene(), tiny.path("hull"));
     let output = dvr(&[

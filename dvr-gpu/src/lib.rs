@@ -21,11 +21,16 @@
 #![warn(missing_docs)]
 
 mod adapter;
+mod fast;
 mod lattice;
 mod march;
 mod open;
 
 pub use adapter::{Adapter, AdapterKind, adapters};
+pub use fast::{
+    FastError, LESSON_COLUMNS, LatticeLevels, LatticeLosses, LatticeStep, LatticeSums, LatticeTrainer, Photograph,
+    Photographs,
+};
 pub use lattice::{LatticeQuery, lattice_by_points, lattice_by_values, lattice_interpolate};
 pub use march::{MarchOp, MarchPlan, PackedDecoder, RaySearch, Root, march_decoder};
 pub use open::{Gpu, GpuError, is_gpu, open, points_at_once};

@@ -207,7 +207,7 @@ fn lattices(c: &mut Criterion) {
         group.bench_function(format!("training step, {cells} cells, 2048 rays"), |b| {
             b.iter(|| trainer.step().expect("the loss is finite"));
         });
-        let field = trainer.field();
+        let field = trainer.field().expect("the field is here");
         let camera = Camera::look_at(256, 256, 320.0, DVec3::new(0.7, 0.5, -1.2), DVec3::ZERO, DVec3::Y);
         let rays: Vec<Ray> = (0..256 * 256).map(|i| camera.pixel_ray(i % 256, i / 256)).collect();
         group.throughput(Throughput::Elements(rays.len() as u64));

@@ -244,7 +244,7 @@ pub fn train(
     match &method {
         Method::Lattice(config) => {
             observer.phase("measuring the masks", 1);
-            let mut learner = FastTrainer::new(views, config.clone())?;
+            let mut learner = FastTrainer::new(views, config.clone())?.on(&options.device)?;
             let pace = Pace { validate_every: 100, checkpoint_every: 500, best: None };
             carry_out(&mut learner, pace, start, &header, resume_from, options, observer)
         }

@@ -51,7 +51,7 @@ pub fn run(args: &TrainArgs) -> Result<ExitCode> {
 
 /// Trains, then writes mesh, preview and figures.
 fn train_scene(args: &TrainArgs, folder: &RunFolder, config: Method, resumed: Option<&Checkpoint>) -> Result<ExitCode> {
-    let device = args.backend.backend.device_for(&config)?;
+    let device = args.backend.backend.training_device(&config)?;
     let (mut scene, reading) = match resumed {
         Some(checkpoint) => (scene_of_run(checkpoint, args.scene.as_ref())?, checkpoint.header.reading.clone()),
         None => {

@@ -56,6 +56,18 @@ impl<const C: usize> Levels<C> {
         &self.finest().active
     }
 
+    /// The active nodes of all levels, coarse to fine.
+    #[cfg(feature = "gpu")]
+    pub fn node_sets(&self) -> impl Iterator<Item = &ActiveNodes> {
+        self.levels.iter().map(|level| &level.active)
+    }
+
+    /// What is added to the sum of the levels, at the finest nodes.
+    #[cfg(feature = "gpu")]
+    pub fn base(&self) -> &[f32] {
+        &self.base
+    }
+
     /// The values at the finest nodes, all levels and the base summed.
     pub fn baked(&self) -> &[f32] {
         &self.baked

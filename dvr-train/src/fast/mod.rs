@@ -2,6 +2,9 @@
 
 mod clock;
 mod config;
+mod cpu;
+#[cfg(feature = "gpu")]
+mod device;
 mod growth;
 mod levels;
 mod patch;
@@ -9,6 +12,7 @@ mod rays;
 mod scatter;
 mod start;
 mod state;
+mod stepper;
 mod trainer;
 mod views;
 mod wrong_masks;

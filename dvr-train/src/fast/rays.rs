@@ -135,19 +135,12 @@ impl Scene<'_> {
         tally: &mut Tally,
     ) -> f32 {
         let own = &self.views[pixel.view as usize];
-        let neighbours = &own.neighbours;
-        if neighbours.is_empty() {
-            return 0.0;
-        }
         let losses = self.losses;
         let patch = || Patch::on_plane(own, pixel.pixel, losses.structure_stride, origin, point, inward);
-        let patch = if losses.structure > 0.0 { patch() } else { None };
+        let patch = if losses.structure > 0.0 && !own.neighbours.is_empty() { patch() } else { None };
         let mut by_depth = 0.0;
-        let first = mix(seed) as usize;
-        for k in 0..self.compared_views.min(neighbours.len()) {
-            // Different views: the second is so many places after the first.
-            let step = if k == 0 { 0 } else { 1 + (mix(seed ^ k as u64) as usize) % (neighbours.len() - 1) };
-            let view = &self.views[neighbours[(first + step) % neighbours.len()] as usize];
+        for view in compared(&own.neighbours, self.compared_views, seed) {
+            let view = &self.views[view as usize];
             let to_view = view.center - point;
             let distance = to_view.length();
             if -inward.dot(to_view) < MIN_COSINE * distance {
@@ -218,6 +211,16 @@ impl Scene<'_> {
     }
 }
 
+/// The views that a ray is compared with: at most `count` of the neighbours, as `seed` chooses.
+pub(super) fn compared(neighbours: &[u32], count: usize, seed: u64) -> impl Iterator<Item = u32> {
+    let first = mix(seed) as usize;
+    (0..count.min(neighbours.len())).map(move |k| {
+        // Different views: the second is so many places after the first.
+        let step = if k == 0 { 0 } else { 1 + (mix(seed ^ k as u64) as usize) % (neighbours.len() - 1) };
+        neighbours[(first + step) % neighbours.len()]
+    })
+}
+
 /// Mean colour of the object's pixels, where colours start.
 pub(super) fn mean_object_color(views: &[&View]) -> Vec3 {
     let (mut sum, mut count) = (glam::DVec3::ZERO, 0usize);
@@ -232,4 +235,4 @@ pub(super) fn mean_object_color(views: &[&View]) -> Vec3 {
 
 #[cfg(test)]
 #[path = "rays_tests.rs"]
-mod tests;
+pub(super) mod tests;

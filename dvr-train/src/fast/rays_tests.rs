@@ -20,7 +20,8 @@ fn paint(point: DVec3) -> [f64; 3] {
     ]
 }
 
-fn view(eye: DVec3) -> View {
+/// A photograph of the true ball, with its depth map.
+pub(in crate::fast) fn view(eye: DVec3) -> View {
     let size = 96;
     let camera = Camera::look_at(size, size, 130.0, eye, DVec3::ZERO, DVec3::new(0.1, 1.0, 0.0));
     let (mut image, mut mask) = (RgbImage::new(size, size), GrayImage::new(size, size));

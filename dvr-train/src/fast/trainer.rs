@@ -1,38 +1,34 @@
 //! The fast trainer: lattices, exact crossings, gradients by hand.
 
-use std::time::Instant;
+use std::borrow::Cow;
 
+use burn::tensor::Device;
 use dvr_core::UnitCube;
 use dvr_core::hull::MaskDistance;
-use dvr_kernels::{ActiveNodes, Lattice, Roughness, SignMap};
+use dvr_kernels::{ActiveNodes, Lattice};
 use dvr_model::{LatticeField, LatticeValues, lattice_file};
+use dvr_render::is_gpu;
 use rayon::prelude::*;
 
-use super::clock::{Part, PartTimes};
+use super::clock::PartTimes;
 use super::config::FastConfig;
+use super::cpu::CpuStepper;
 use super::growth::{Growth, Reached, Verdict};
 use super::levels::{Levels, prolonged};
-use super::rays::{Lesson, Scene, Tally, mean_object_color};
-use super::scatter::{gather_color, gather_shape};
+use super::rays::mean_object_color;
 use super::start::{add_hull_detail, hull_start};
 use super::state;
-use super::views::{FastView, PixelOrder, mix};
+use super::stepper::{StepJob, StepSums, Stepper};
+use super::views::{FastView, PixelOrder};
 use super::wrong_masks::leave_out_wrong_masks;
 use crate::checkpoint::LearnerState;
 use crate::error::{Error, Result};
 use crate::learner::Learner;
-use crate::trainer::{StepReport, ViewSplit};
+use crate::trainer::{READ_EVERY, StepReport, ViewSplit};
 use crate::validate::{Agreement, agreement};
 
 /// Pixels of held-out views that decide about growth.
 const JUDGING_PIXELS: usize = 30_000;
-
-/// Weight by which colours tend to the mean colour, against about one a ray that sees them: enough for what no ray sees,
-/// which would otherwise drift with the coarse levels.
-const COLOR_REST: f32 = 1e-5;
-
-/// Rays that a task follows.
-const CHUNK: usize = 64;
 
 /// How near to the surface a node is taught where not all are, in nodes.
 const BAND_NODES: usize = 3;
@@ -44,12 +40,12 @@ pub struct FastTrainer<'a> {
     packed: Vec<FastView<'a>>,
     masks: Vec<MaskDistance>,
     order: PixelOrder,
+    /// What is learned, where `stepper` does not keep it to itself: see [`FastTrainer::levels`].
     shape: Levels<1>,
-    shape_active: Vec<bool>,
-    map: SignMap,
-    roughness: Roughness,
     color: Levels<3>,
-    color_active: Vec<bool>,
+    stepper: Box<dyn Stepper>,
+    /// The losses of the last step that looked at them.
+    sums: Option<StepSums>,
     mean_color: [f32; 3],
     stage: usize,
     step: usize,
@@ -73,7 +69,6 @@ impl<'a> FastTrainer<'a> {
         let packed = FastView::pack(&views.train, config.neighbours);
         let lattice = padded_cube(config.first_cells);
         let shape = shape_start(&masks, &lattice, &config);
-        let map = SignMap::new(&lattice, shape.baked());
         let mean_color = mean_object_color(&views.train).to_array();
         let color = color_start(&shape, mean_color, &config);
         // Pixels whose rays come as close to the object as the band around the hull.
@@ -97,12 +92,10 @@ impl<'a> FastTrainer<'a> {
             packed,
             masks,
             order,
-            shape_active: membership(shape.active()),
+            stepper: Box::new(CpuStepper::new(&shape, &color)),
             shape,
-            map,
-            roughness: Roughness::default(),
-            color_active: membership(color.active()),
             color,
+            sums: None,
             mean_color,
             stage: 0,
             step: 0,
@@ -114,35 +107,54 @@ impl<'a> FastTrainer<'a> {
         })
     }
 
+    /// Lets a device carry out the steps. What is no graphics processor leaves them where they are.
+    ///
+    /// Steps on a graphics processor draw the same rays as on the processor, and tell their losses in every tenth step. Everything
+    /// else, from the visual hull to the judging of a stage, stays on the processor.
+    ///
+    /// # Errors
+    /// When the photographs or the lattices do not fit into the device.
+    #[cfg_attr(not(feature = "gpu"), expect(unused_mut, reason = "there are no graphics processors in this build"))]
+    pub fn on(mut self, device: &Device) -> Result<Self> {
+        if !is_gpu(device) || self.config.steps == 0 {
+            return Ok(self);
+        }
+        #[cfg(feature = "gpu")]
+        {
+            self.stepper = Box::new(super::device::DeviceStepper::new(device, &self.packed, &self.config)?);
+            self.follow_levels()?;
+        }
+        Ok(self)
+    }
+
     /// Ends a stage: keeps what it brought or takes it back, and grows or ends.
     fn end_stage(&mut self) -> Result<()> {
+        if let (Cow::Owned(shape), Cow::Owned(color)) = self.levels()? {
+            (self.shape, self.color) = (shape, color);
+        }
         let reached = Reached {
             cells: self.shape.lattice().cells(),
             parameters: self.parameters(),
-            bytes: self.model_bytes()?.len(),
-            held_out: agreement(&self.field(), &self.views.held_out, JUDGING_PIXELS),
+            bytes: model_bytes(&self.shape, &self.color)?.len(),
+            held_out: agreement(&field_of(&self.shape, &self.color), &self.views.held_out, JUDGING_PIXELS),
         };
         match self.growth.judge(&self.config, reached) {
             Verdict::Grow => {
                 self.growth.keep(self.shape.clone(), self.color.clone());
                 self.refine();
+                self.follow_levels()?;
             }
             Verdict::Stay => self.finished = true,
             Verdict::TakeBack => {
                 if let Some((shape, color)) = self.growth.take_back() {
                     (self.shape, self.color) = (shape, color);
-                    self.follow_levels();
+                    self.follow_levels()?;
                 }
                 self.finished = true;
             }
         }
         self.notes.extend(self.growth.notes());
         Ok(())
-    }
-
-    /// The field as a checkpoint stores it.
-    fn model_bytes(&self) -> Result<Vec<u8>> {
-        lattice_file::to_bytes(&self.field()).map_err(|e| Error::Config(format!("the field cannot be stored: {e}")))
     }
 
     /// The configuration.
@@ -166,83 +178,51 @@ impl<'a> FastTrainer<'a> {
     }
 
     /// The field as it is now.
-    pub fn field(&self) -> LatticeField {
-        LatticeField::new(
-            LatticeValues { lattice: *self.shape.lattice(), values: self.shape.baked().to_vec() },
-            LatticeValues { lattice: *self.color.lattice(), values: self.color.baked().to_vec() },
-        )
+    ///
+    /// # Errors
+    /// When a graphics processor that keeps it fails.
+    pub fn field(&self) -> Result<LatticeField> {
+        let (shape, color) = self.levels()?;
+        Ok(field_of(&shape, &color))
     }
 
-    /// One step: rays to lessons, lessons to gradients, gradients to parameters.
-    fn follow_rays(&mut self) -> StepReport {
-        let mut start = Instant::now();
-        let (lessons, tally) = self.lessons();
-        self.times.lap(Part::Rays, &mut start);
-        let (_, gradient, active) = self.color.values_and_gradient_mut();
-        gather_color(&lessons, active, &self.color_active, gradient);
-        let (values, gradient, active) = self.shape.values_and_gradient_mut();
-        gather_shape(&lessons, active, &self.shape_active, gradient);
-        self.times.lap(Part::Gather, &mut start);
-        let losses = &self.config.losses;
-        let mut roughness = 0.0;
-        if losses.roughness > 0.0 {
-            // Losses are sums over rays; this one is a mean over nodes.
-            let weight = (losses.roughness * self.config.rays as f64) as f32;
-            roughness = self.roughness.add_gradient(values, gradient, active, weight, losses.roughness_knee as f32);
+    /// The levels of shape and colour as they are now.
+    fn levels(&self) -> Result<(Cow<'_, Levels<1>>, Cow<'_, Levels<3>>)> {
+        let Some((shape_state, color_state)) = self.stepper.levels()? else {
+            return Ok((Cow::Borrowed(&self.shape), Cow::Borrowed(&self.color)));
+        };
+        let (mut shape, mut color) = (self.shape.clone(), self.color.clone());
+        if !(shape.restore(&shape_state) && color.restore(&color_state)) {
+            return Err(state::misfit());
         }
-        self.times.lap(Part::Roughness, &mut start);
-        self.color.pull_towards(self.mean_color, COLOR_REST);
+        Ok((Cow::Owned(shape), Cow::Owned(color)))
+    }
+
+    /// Carries out one step; its losses are those of the last step that looked at them.
+    fn follow_rays(&mut self) -> Result<StepReport> {
+        let last_of_stage = self.step + 1 == self.config.steps.saturating_mul(self.stage + 1);
         let decay = self.decay();
-        let config = &self.config;
-        let rate = |first: f64, ratio: f64| move |level: usize| (first * decay * ratio.powi(level as i32)) as f32;
-        self.shape.step(rate(config.shape_rate, config.shape_rate_ratio));
-        self.color.step(rate(config.color_rate, config.color_rate_ratio));
-        self.times.lap(Part::Levels, &mut start);
-        self.map.update(self.shape.baked(), self.shape.active());
-        self.times.lap(Part::SignMap, &mut start);
+        let job = StepJob {
+            config: &self.config,
+            views: &self.packed,
+            order: &self.order,
+            rays_drawn: self.rays_drawn,
+            mean_color: self.mean_color,
+            decay,
+            is_reported: last_of_stage || (self.step + 1).is_multiple_of(READ_EVERY) || self.sums.is_none(),
+            times: &mut self.times,
+        };
+        let sums = self.stepper.step(job, &mut self.shape, &mut self.color)?;
+        self.sums = sums.or(self.sums);
         self.step += 1;
-        self.rays_drawn += config.rays as u64;
-        self.report(&tally, roughness, self.config.shape_rate * decay)
+        self.rays_drawn += self.config.rays as u64;
+        Ok(self.report(&self.sums.unwrap_or_default(), self.config.shape_rate * decay))
     }
 
     /// Factor of the step sizes: falls exponentially to `final_rate` in each stage.
     fn decay(&self) -> f64 {
         let within = self.step - self.stage * self.config.steps;
         self.config.final_rate.powf(within as f64 / self.config.steps.max(1) as f64)
-    }
-
-    /// Follows the rays of one step.
-    fn lessons(&self) -> (Vec<Lesson>, Tally) {
-        let scene = Scene {
-            views: &self.packed,
-            shape: self.shape.lattice(),
-            values: self.shape.baked(),
-            active: &self.shape_active,
-            map: &self.map,
-            colors: self.color.lattice(),
-            color_values: self.color.baked(),
-            losses: &self.config.losses,
-            compared_views: self.config.compared_views,
-        };
-        let seed = self.config.seed;
-        let chunks: Vec<(Vec<Lesson>, Tally)> = (0..self.config.rays.div_ceil(CHUNK))
-            .into_par_iter()
-            .map(|chunk| {
-                let mut tally = Tally::default();
-                let lessons = (chunk * CHUNK..((chunk + 1) * CHUNK).min(self.config.rays))
-                    .filter_map(|ray| {
-                        let count = self.rays_drawn + ray as u64;
-                        let (view, index) = self.order.pick(count, seed);
-                        let pixel = self.packed[view as usize].pixel_ray(view, index);
-                        scene.lesson(&pixel, mix(seed ^ mix(count)), &mut tally)
-                    })
-                    .collect();
-                (lessons, tally)
-            })
-            .collect();
-        let mut total = Tally::default();
-        chunks.iter().for_each(|(_, tally)| total.add(tally));
-        (chunks.into_iter().flat_map(|(lessons, _)| lessons).collect(), total)
     }
 
     /// The next stage: twice the cells. Beyond `whole_cells`, they are taught near the surface alone.
@@ -258,7 +238,7 @@ impl<'a> FastTrainer<'a> {
         self.shape = self.shape.refined(active, base);
         let base = self.mean_color.repeat((cells / self.config.color_coarseness + 1).pow(3));
         self.color = self.color.refined(coarsened(self.shape.active(), self.config.color_coarseness), base);
-        self.enter_stage();
+        self.stage += 1;
     }
 
     /// A stage that starts from what was learned on lattices of half the cells, and only moves what is near the surface.
@@ -272,24 +252,16 @@ impl<'a> FastTrainer<'a> {
         let color = prolonged::<3>(color, near_color.lattice());
         self.color = Levels::settled(near_color, color, self.color.coarser() + 1);
         self.shape = Levels::settled(near, base, self.shape.coarser() + 1);
-        self.enter_stage();
-    }
-
-    fn enter_stage(&mut self) {
         self.stage += 1;
-        self.follow_levels();
     }
 
     /// Brings everything up to date that follows from the levels.
-    fn follow_levels(&mut self) {
-        self.shape_active = membership(self.shape.active());
-        self.color_active = membership(self.color.active());
-        self.map = SignMap::new(self.shape.lattice(), self.shape.baked());
-        self.roughness = Roughness::default();
+    fn follow_levels(&mut self) -> Result<()> {
+        self.stepper.enter(&self.shape, &self.color)
     }
 
-    fn report(&self, tally: &Tally, roughness: f32, learning_rate: f64) -> StepReport {
-        let losses = &self.config.losses;
+    fn report(&self, sums: &StepSums, learning_rate: f64) -> StepReport {
+        let (losses, tally) = (&self.config.losses, &sums.tally);
         let mean = 1.0 / self.config.rays as f64;
         let terms = vec![
             ("color", losses.color * tally.color * mean),
@@ -298,7 +270,7 @@ impl<'a> FastTrainer<'a> {
             ("structure", losses.structure * tally.structure * mean / self.config.compared_views.max(1) as f64),
             ("depth", losses.depth * tally.depth * mean),
             ("mask", losses.mask * tally.mask * mean),
-            ("roughness", losses.roughness * f64::from(roughness)),
+            ("roughness", losses.roughness * f64::from(sums.roughness)),
         ];
         StepReport {
             step: self.step,
@@ -313,8 +285,7 @@ impl<'a> FastTrainer<'a> {
 
 impl Learner for FastTrainer<'_> {
     fn step(&mut self) -> Result<StepReport> {
-        // In the pool as a whole: entering it costs more than many of the loops inside.
-        let report = rayon::scope(|_| self.follow_rays());
+        let report = self.follow_rays()?;
         if !report.loss.is_finite() {
             return Err(Error::Diverged { step: report.step, value: report.loss });
         }
@@ -333,7 +304,7 @@ impl Learner for FastTrainer<'_> {
     }
 
     fn validate(&self, pixels: usize) -> Option<Agreement> {
-        agreement(&self.field(), &self.views.held_out, pixels)
+        agreement(&self.field().ok()?, &self.views.held_out, pixels)
     }
 
     fn state(&self) -> Result<LearnerState> {
@@ -347,8 +318,9 @@ impl Learner for FastTrainer<'_> {
             rays_drawn: self.rays_drawn,
         };
         let kept = kept.map(|(shape, color)| (shape, color));
-        let training = state::to_bytes(&progress, (&self.shape, &self.color), kept)?;
-        Ok(LearnerState { model: self.model_bytes()?, training })
+        let (shape, color) = self.levels()?;
+        let training = state::to_bytes(&progress, (&shape, &color), kept)?;
+        Ok(LearnerState { model: model_bytes(&shape, &color)?, training })
     }
 
     fn resume(&mut self, state: &LearnerState, steps: usize) -> Result<()> {
@@ -376,8 +348,7 @@ impl Learner for FastTrainer<'_> {
         self.stage = progress.stage;
         self.growth.resume(progress.reached, kept.filter(|_| progress.has_kept));
         (self.finished, self.rays_drawn, self.step) = (progress.finished, progress.rays_drawn, steps);
-        self.follow_levels();
-        Ok(())
+        self.follow_levels()
     }
 
     fn notes(&mut self) -> Vec<String> {
@@ -385,16 +356,23 @@ impl Learner for FastTrainer<'_> {
     }
 }
 
+/// The field that levels make.
+fn field_of(shape: &Levels<1>, color: &Levels<3>) -> LatticeField {
+    LatticeField::new(
+        LatticeValues { lattice: *shape.lattice(), values: shape.baked().to_vec() },
+        LatticeValues { lattice: *color.lattice(), values: color.baked().to_vec() },
+    )
+}
+
+/// The same as a checkpoint stores it.
+fn model_bytes(shape: &Levels<1>, color: &Levels<3>) -> Result<Vec<u8>> {
+    let bytes = lattice_file::to_bytes(&field_of(shape, color));
+    bytes.map_err(|e| Error::Config(format!("the field cannot be stored: {e}")))
+}
+
 /// The lattice of so many cells along the edge of the padded unit cube.
 fn padded_cube(cells: usize) -> Lattice {
     Lattice::new(cells + 1, UnitCube::default().half_extent() as f32)
-}
-
-/// Whether each node of the lattice is in the set.
-fn membership(active: &ActiveNodes) -> Vec<bool> {
-    let mut member = vec![false; active.lattice().len()];
-    active.iter().for_each(|node| member[node] = true);
-    member
 }
 
 /// The nodes of a lattice coarser by a power of two.

@@ -98,6 +98,34 @@ impl<'a> FastView<'a> {
         self.to_direction * Vec3::new(u as f32 + 0.5, v as f32 + 0.5, 1.0)
     }
 
+    /// As a graphics processor knows it.
+    #[cfg(feature = "gpu")]
+    pub fn photograph(&self) -> dvr_gpu::Photograph {
+        dvr_gpu::Photograph {
+            center: self.center.to_array(),
+            to_direction: self.to_direction.to_cols_array(),
+            projection: self.projection.to_cols_array(),
+            offset: self.offset.to_array(),
+            size: [self.width, self.height],
+        }
+    }
+
+    /// Its pixels in a word each: red, green and blue from the lowest byte on, and 1 in the highest on the object.
+    #[cfg(feature = "gpu")]
+    pub fn packed_pixels(&self) -> impl Iterator<Item = u32> {
+        (0..).zip(self.colors).map(|(index, &[red, green, blue])| {
+            let object = self.mask.is_object(index % self.width, index / self.width);
+            u32::from_le_bytes([red, green, blue, u8::from(object)])
+        })
+    }
+
+    /// The z-depth of each pixel, `f32::MAX` where nothing was measured.
+    #[cfg(feature = "gpu")]
+    pub fn z_depths(&self) -> impl Iterator<Item = f32> {
+        let measured = |index: usize| self.z_depth.get(index).copied().filter(|depth| depth.is_finite());
+        (0..self.colors.len()).map(move |index| measured(index).unwrap_or(f32::MAX))
+    }
+
     /// Brightness of a pixel; `None` out of the frame and off the object.
     pub fn brightness(&self, u: u32, v: u32) -> Option<f32> {
         if u >= self.width || v >= self.height || !self.mask.is_object(u, v) {
