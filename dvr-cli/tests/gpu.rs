@@ -54,7 +54,8 @@ fn the_whole_job_runs_on_a_graphics_processor() {
     let listed = succeeds(&dvr(&["devices"]));
     assert!(listed.contains("gpu:0"), "{listed}");
     let tiny = Tiny::new();
-    let trained = tiny.train("run", &["--backend", "gpu", "--set", "model.blocks=2"]);
+    // A step takes some 11 MB; if all were done at once, validations and the mesh would take more than is allowed.
+    let trained = tiny.train("run", &["--backend", "gpu", "--set", "model.blocks=2", "--memory", "24M"]);
     let report = succeeds(&trained);
     assert!(report.contains("mesh:"), "{report}");
     let said = String::from_utf8_lossy(&trained.stderr);
@@ -64,6 +65,22 @@ fn the_whole_job_runs_on_a_graphics_processor() {
     succeeds(&dvr(&["mesh", text(&run), "--out", text(&mesh), "--resolution", "16"]));
     let figures = succeeds(&dvr(&["eval", text(&run), "--backend", "gpu", "--resolution", "16"]));
     assert!(figures.contains("PSNR"), "{figures}");
+}
+
+#[test]
+fn a_step_that_does_not_fit_into_the_memory_that_is_allowed_is_refused_with_one_that_does() {
+    if !has_adapter() {
+        return;
+    }
+    let tiny = Tiny::new();
+    let out = tiny.path("refused");
+    let large = ["--backend", "gpu", "--set", "rays=4096", "--memory", "12M"];
+    let refused = tiny.train("refused", &large);
+    refuses(&refused, &["a step takes about", "12 MB are allowed", "--set rays=", "--memory"]);
+    refuses(&tiny.train("refused", &["--backend", "gpu", "--memory", "0"]), &["0 MB are allowed", "--backend cpu"]);
+    assert!(!out.exists(), "nothing half-written");
+    // On the CPU it means photographs alone.
+    succeeds(&tiny.train("run", &["--memory", "0"]));
 }
 
 #[test]

@@ -50,7 +50,7 @@ mod snapshot_march;
 mod surface;
 mod view;
 
-pub use chunks::is_gpu;
+pub use chunks::{is_gpu, memory_excess};
 pub use field::{Field, FieldJet, FieldValues, Query, Snapshot, axis_direction};
 pub use implicit_depth::{SlopeRule, dot, implicit_depth};
 pub use march::{Fate, Hits, March, MarchSettings, Marcher, TensorMarcher};
