@@ -66,7 +66,7 @@ pub fn check_step_memory(method: &Method, allowed: u64) -> Result<()> {
             }
             format!("--set rays={low} fits, or allow more with --memory")
         }
-        _ => "no number of rays fits; allow more with --memory, take a smaller network (--set model.hidden=64), or \
+        _ => "no number of rays fits; allow more with --memory, take a smaller network (--set model.hidden=N), or \
               --backend cpu"
             .into(),
     };
