@@ -55,16 +55,22 @@ pub fn check_step_memory(method: &Method, allowed: u64) -> Result<()> {
     if bytes <= allowed {
         return Ok(());
     }
-    let fits = |rays: usize| with_rays(method, rays).is_some_and(|fewer| step_memory(&fewer) <= allowed);
+    let fits = |rays: usize| step_memory(&with_rays(method, rays)) <= allowed;
     let remedy = match fewest_and_most_rays(method) {
         Some((fewest, most)) if fits(fewest) => {
             // What a step takes grows with its rays.
-            let (mut low, mut high) = (fewest, most);
+            let (mut low, mut high) = (fewest, most + 1);
             while low + 1 < high {
                 let middle = low.midpoint(high);
                 *if fits(middle) { &mut low } else { &mut high } = middle;
             }
-            format!("--set rays={low} fits, or allow more with --memory")
+            let warm_start = match method {
+                Method::Network(config) if config.hull.warm_start_points > low => {
+                    format!(" --set hull.warm_start_points={low}")
+                }
+                _ => String::new(),
+            };
+            format!("--set rays={low}{warm_start} fits, or allow more with --memory")
         }
         _ => "no number of rays fits; allow more with --memory, take a smaller network (--set model.hidden=N), or \
               --backend cpu"
@@ -80,15 +86,18 @@ pub(crate) fn too_much_memory(step: usize, bytes: u64, allowed: u64) -> Error {
     Error::Memory { what: format!("after step {step}, tensors hold"), bytes, allowed, remedy }
 }
 
-/// The same method with another number of rays; `None` where it has none.
-fn with_rays(method: &Method, rays: usize) -> Option<Method> {
+/// The same method with another number of rays, and no more points than that in the steps of its warm start.
+fn with_rays(method: &Method, rays: usize) -> Method {
     let mut method = method.clone();
     match &mut method {
-        Method::Lattice(_) => return None,
-        Method::Network(config) => config.rays = rays,
+        Method::Lattice(_) => {}
+        Method::Network(config) => {
+            config.rays = rays;
+            config.hull.warm_start_points = config.hull.warm_start_points.min(rays);
+        }
         Method::Objects(config) => config.train.rays = rays,
     }
-    Some(method)
+    method
 }
 
 /// The fewest rays that a step can have, a patch of them, and those that it has now.
@@ -197,7 +206,8 @@ mod tests {
         assert!(check_step_memory(&method, needed).is_ok());
         let problem = check_step_memory(&method, needed / 2).unwrap_err().to_string();
         let rays: usize = problem.split("rays=").nth(1).unwrap().split(' ').next().unwrap().parse().unwrap();
-        let fits = |rays| check_step_memory(&network(|config| config.rays = rays), needed / 2).is_ok();
+        assert!(problem.contains(&format!("hull.warm_start_points={rays} ")), "{problem}");
+        let fits = |rays| check_step_memory(&with_rays(&method, rays), needed / 2).is_ok();
         assert!(fits(rays) && !fits(rays + 1), "{problem}");
         assert!(problem.contains("--memory") && problem.contains("MB"), "{problem}");
         let problem = check_step_memory(&method, 0).unwrap_err().to_string();
