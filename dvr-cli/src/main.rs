@@ -5,6 +5,7 @@ mod backend;
 mod commands;
 #[cfg(feature = "gpu")]
 mod gpu;
+mod memory;
 mod progress;
 
 use std::process::ExitCode;

@@ -5,7 +5,9 @@ mod support;
 
 use std::process::{Command, Output};
 
-use support::{Tiny, dvr, refuses, succeeds, text};
+use dvr_core::mesh::{Mesh, read_mesh};
+use glam::Vec3;
+use support::{Corpus, Tiny, dvr, refuses, succeeds, text};
 
 /// Runs the binary where no Vulkan driver is to be found.
 fn without_driver(args: &[&str]) -> Output {
@@ -54,7 +56,8 @@ fn the_whole_job_runs_on_a_graphics_processor() {
     let listed = succeeds(&dvr(&["devices"]));
     assert!(listed.contains("gpu:0"), "{listed}");
     let tiny = Tiny::new();
-    let trained = tiny.train("run", &["--backend", "gpu", "--set", "model.blocks=2"]);
+    // A step takes some 11 MB; if all were done at once, validations and the mesh would take more than is allowed.
+    let trained = tiny.train("run", &["--backend", "gpu", "--set", "model.blocks=2", "--memory", "24M"]);
     let report = succeeds(&trained);
     assert!(report.contains("mesh:"), "{report}");
     let said = String::from_utf8_lossy(&trained.stderr);
@@ -64,6 +67,56 @@ fn the_whole_job_runs_on_a_graphics_processor() {
     succeeds(&dvr(&["mesh", text(&run), "--out", text(&mesh), "--resolution", "16"]));
     let figures = succeeds(&dvr(&["eval", text(&run), "--backend", "gpu", "--resolution", "16"]));
     assert!(figures.contains("PSNR"), "{figures}");
+}
+
+#[test]
+fn a_model_of_many_objects_is_trained_and_makes_its_meshes_there() {
+    if !has_adapter() {
+        return;
+    }
+    let corpus = Corpus::new();
+    let trained = corpus.train("there", &["--backend", "gpu", "--steps", "4", "--no-report", "--memory", "100M"]);
+    assert!(succeeds(&trained).contains("trained 4 steps"));
+    assert!(String::from_utf8_lossy(&trained.stderr).contains("computing on gpu:0"));
+    let (there, picture) = (corpus.path("there"), corpus.data().join("rings/o0/image/0000.png"));
+    assert!(there.join("last.ckpt").is_file());
+
+    // One that has learned some shape, asked on both.
+    succeeds(&corpus.train("shapes", &["--supervision", "occupancy", "--steps", "80", "--no-report"]));
+    let run = corpus.path("shapes");
+    let [here, there] = ["cpu", "gpu"].map(|backend| {
+        let out = corpus.path(backend);
+        let args = ["predict", text(&run), text(&picture), "--out", text(&out), "--resolution", "16"];
+        let said = succeeds(&dvr(&[&args[..], &["--backend", backend]].concat()));
+        assert!(said.contains("1 of 1 pictures"), "{said}");
+        read_mesh(out.join("0000.ply")).unwrap().mesh
+    });
+    let extent = |mesh: &Mesh| {
+        let (low, high) = mesh.vertices.iter().fold((Vec3::MAX, Vec3::MIN), |(a, b), &v| (a.min(v), b.max(v)));
+        (low, high)
+    };
+    let ((low, high), (low_there, high_there)) = (extent(&here), extent(&there));
+    assert!(
+        low.distance(low_there) < 1e-3 && high.distance(high_there) < 1e-3,
+        "{low} {low_there} {high} {high_there}"
+    );
+    assert!(here.faces.len().abs_diff(there.faces.len()) * 50 < here.faces.len() + 50);
+}
+
+#[test]
+fn a_step_that_does_not_fit_into_the_memory_that_is_allowed_is_refused_with_one_that_does() {
+    if !has_adapter() {
+        return;
+    }
+    let tiny = Tiny::new();
+    let out = tiny.path("refused");
+    let large = ["--backend", "gpu", "--set", "rays=4096", "--memory", "18M"];
+    let refused = tiny.train("refused", &large);
+    refuses(&refused, &["a step takes about", "18 MB are allowed", "--set rays=", "--memory"]);
+    refuses(&tiny.train("refused", &["--backend", "gpu", "--memory", "0"]), &["0 MB are allowed", "--backend cpu"]);
+    assert!(!out.exists(), "nothing half-written");
+    // On the CPU it means photographs alone.
+    succeeds(&tiny.train("run", &["--memory", "0"]));
 }
 
 #[test]

@@ -2,87 +2,10 @@
 
 mod support;
 
-use std::path::PathBuf;
-use std::process::{Command, Output, Stdio};
+use std::process::{Command, Stdio};
 use std::time::Duration;
 
-use dvr_core::mesh::{Mesh, TexturedMesh, shapes, write_mesh};
-use glam::Vec3;
-use support::{Tiny, dvr, refuses, succeeds, text};
-use tempfile::TempDir;
-
-/// Ten objects with six views each at 24 pixels.
-struct Corpus {
-    folder: TempDir,
-}
-
-impl Corpus {
-    fn new() -> Self {
-        let corpus = Self { folder: tempfile::tempdir().unwrap() };
-        for i in 0..5 {
-            let shapes = [("balls", shapes::icosphere(2, 1.0)), ("rings", shapes::torus(1.0, 0.4, 24, 12))];
-            for (category, mesh) in shapes {
-                let stretch = Vec3::new(1.0, 0.5 + 0.2 * i as f32, 1.0);
-                let vertices = mesh.vertices.iter().map(|vertex| *vertex * stretch).collect();
-                let textured =
-                    TexturedMesh { mesh: Mesh { vertices, normals: None, ..mesh }, ..TexturedMesh::default() };
-                let folder = corpus.path(&format!("meshes/{category}"));
-                std::fs::create_dir_all(&folder).unwrap();
-                write_mesh(folder.join(format!("o{i}.ply")), &textured.mesh).unwrap();
-            }
-        }
-        let settings = corpus.path("synth.json");
-        std::fs::write(&settings, r#"{"surface_points": 1500, "occupancy_points": 3000}"#).unwrap();
-        let (meshes, data) = (corpus.path("meshes"), corpus.data());
-        let args = ["synth", text(&meshes), "--out", text(&data), "--views", "6", "--size", "24"];
-        succeeds(&dvr(&[&args[..], &["--config", text(&settings)]].concat()));
-        corpus
-    }
-
-    fn path(&self, name: &str) -> PathBuf {
-        self.folder.path().join(name)
-    }
-
-    fn data(&self) -> PathBuf {
-        self.path("data")
-    }
-
-    /// The arguments of `dvr train` with a model that is small enough for a test.
-    fn arguments(&self, out: &str, more: &[&str]) -> Vec<String> {
-        let (data, out) = (self.data(), self.path(out));
-        let small =
-            ["encoder.kind=convolutional", "encoder.image_size=63", "encoder.width=2", "objects=4", "points=64"];
-        let smaller = ["model.hidden=16", "model.code_dim=8", "model.octaves=1", "rays=32", "validate_objects=2"];
-        let pace = ["validate_every=4", "checkpoint_every=4"];
-        let mut args = vec!["train", text(&data), "--out", text(&out)];
-        if !more.contains(&"--steps") {
-            args.extend(["--steps", "12"]);
-        }
-        args.extend(small.iter().chain(&smaller).chain(&pace).flat_map(|setting| ["--set", *setting]));
-        args.extend(more);
-        args.into_iter().map(str::to_owned).collect()
-    }
-
-    fn train(&self, out: &str, more: &[&str]) -> Output {
-        let args = self.arguments(out, more);
-        dvr(&args.iter().map(String::as_str).collect::<Vec<_>>())
-    }
-
-    fn read(&self, name: &str) -> String {
-        std::fs::read_to_string(self.path(name)).unwrap()
-    }
-
-    /// Steps and losses of a run, without the seconds.
-    fn curve(&self, run: &str) -> Vec<Vec<String>> {
-        let csv = self.read(&format!("{run}/metrics.csv"));
-        let names: Vec<&str> = csv.lines().next().unwrap().split(',').collect();
-        let row = |line: &str| {
-            let cells = names.iter().zip(line.split(',')).filter(|(name, _)| !name.ends_with("seconds"));
-            cells.map(|(_, cell)| cell.to_owned()).collect()
-        };
-        csv.lines().map(row).collect()
-    }
-}
+use support::{Corpus, Tiny, dvr, refuses, succeeds, text};
 
 #[test]
 fn a_dataset_becomes_a_model_that_is_measured_on_unseen_objects_beside_its_baselines() {

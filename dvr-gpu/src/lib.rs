@@ -24,6 +24,7 @@ mod adapter;
 mod fast;
 mod lattice;
 mod march;
+mod memory;
 mod open;
 
 pub use adapter::{Adapter, AdapterKind, adapters};
@@ -33,6 +34,7 @@ pub use fast::{
 };
 pub use lattice::{LatticeQuery, lattice_by_points, lattice_by_values, lattice_interpolate};
 pub use march::{MarchOp, MarchPlan, PackedDecoder, RaySearch, Root, march_decoder};
-pub use open::{Gpu, GpuError, is_gpu, open, points_at_once};
+pub use memory::{MemoryExcess, limit_memory, memory_excess, memory_held, points_at_once};
+pub use open::{Gpu, GpuError, is_gpu, open};
 #[cfg(feature = "cuda")]
 pub use open::{cuda_devices, open_cuda};

@@ -88,15 +88,6 @@ pub fn is_gpu(device: &Device) -> bool {
     matches!(device.clone().inner().as_dispatch(), DispatchDevice::Cube(_))
 }
 
-/// How many points a network is best asked at at once on this device; `None` where it is no graphics processor.
-///
-/// Enough to keep it busy, and few enough that no buffer comes near the largest that it can take, or that of a small card's memory: at
-/// 512 numbers a point, the widest layer in use, a layer takes 128 MiB or an eighth of the largest buffer.
-pub fn points_at_once(device: &Device) -> Option<usize> {
-    let largest = client(device)?.properties().memory.max_page_size;
-    Some(usize::try_from(largest / (8 * 4 * 512)).unwrap_or(usize::MAX).clamp(1 << 12, 1 << 16))
-}
-
 /// The NVIDIA cards that CUDA knows: how many there are. None where CUDA is not installed.
 #[cfg(feature = "cuda")]
 pub fn cuda_devices() -> usize {

@@ -5,7 +5,7 @@ use burn::module::Module;
 use burn::nn::{Initializer, Linear, LinearConfig};
 use burn::tensor::activation::{leaky_relu, relu, sigmoid};
 use burn::tensor::{Device, Int, Tensor};
-use dvr_render::{Field, FieldJet, FieldValues, Query, Snapshot, axis_direction};
+use dvr_render::{Field, FieldJet, FieldValues, Query, Snapshot, axis_direction, select_rows};
 #[cfg(feature = "gpu")]
 use dvr_render::{MarchSettings, Marcher};
 
@@ -172,7 +172,7 @@ impl Decoder {
 fn given(net: Tensor<2>, condition: Option<&Tensor<2>>, object: Option<&Tensor<1, Int>>) -> Tensor<2> {
     match (condition, object) {
         (None, _) => net,
-        (Some(condition), Some(object)) => net + condition.clone().select(0, object.clone()),
+        (Some(condition), Some(object)) => net + select_rows(condition.clone(), object.clone()),
         (Some(condition), None) => net + condition.clone(),
     }
 }

@@ -15,6 +15,17 @@ pub fn is_gpu(device: &Device) -> bool {
     }
 }
 
+/// Where a graphics processor holds more memory than it may: bytes held, and bytes allowed. See `dvr_gpu::limit_memory`.
+pub fn memory_excess(device: &Device) -> Option<(u64, u64)> {
+    #[cfg(feature = "gpu")]
+    return dvr_gpu::memory_excess(device).map(|excess| (excess.held, excess.allowed));
+    #[cfg(not(feature = "gpu"))]
+    {
+        let _ = device;
+        None
+    }
+}
+
 /// How many points to evaluate at once: `on_cpu`, or as many as a GPU's memory has room for.
 pub(crate) fn points_at_once(device: &Device, on_cpu: usize) -> usize {
     #[cfg(feature = "gpu")]

@@ -111,7 +111,9 @@ fn chamfer(scene: &Scene, seed: u64) -> f64 {
         trainer.step().expect("the loss is finite");
     }
     let truth = scene.ground_truth.surface.as_ref().expect("the true surface is known");
-    let mesh = extract_mesh(&trainer.field(), &ExtractSettings::default(), &[]).expect("there is a surface").mesh;
+    let mesh = extract_mesh(&trainer.field().expect("the field is readable"), &ExtractSettings::default(), &[])
+        .expect("there is a surface")
+        .mesh;
     let mut found = PointCloud::from(sample_surface(&mesh, 100_000, seed));
     let alignment = align_to_surface(&found, truth).expect("both surfaces have points");
     found.points.iter_mut().for_each(|point| *point = alignment.transform_point_f32(*point));

@@ -34,7 +34,24 @@ pub enum Error {
         /// The loss.
         value: f64,
     },
+    /// A step takes more of a graphics processor's memory than it may.
+    #[error("{what} about {} of the graphics processor's memory, and {} are allowed: {remedy}", megabytes(*bytes), megabytes(*allowed))]
+    Memory {
+        /// What takes it, with its verb.
+        what: String,
+        /// Bytes that it takes.
+        bytes: u64,
+        /// Bytes that it may.
+        allowed: u64,
+        /// What to do.
+        remedy: String,
+    },
     /// No mesh could be extracted.
     #[error("{0}")]
     NoMesh(String),
+}
+
+/// Bytes for people.
+fn megabytes(bytes: u64) -> String {
+    format!("{} MB", bytes.div_ceil(1_000_000))
 }

@@ -1,8 +1,8 @@
 //! One training step's loss: march without gradient, put the hits on the graph, compare with the pixels.
 
-use burn::tensor::{Device, IndexingUpdateOp, Int, Tensor, TensorData};
+use burn::tensor::{Device, Int, Tensor, TensorData};
 use dvr_render::extract::FieldSurface;
-use dvr_render::{Fate, Field, Hits, March, MarchSettings, Query, Rays, Surface, axis_direction};
+use dvr_render::{DistinctRows, Fate, Field, Hits, March, MarchSettings, Query, Rays, Surface, axis_direction};
 use rand::Rng;
 
 use crate::batch::PixelBatch;
@@ -69,8 +69,8 @@ pub fn step_loss(
         let surface = Surface::on_graph(field, frozen, hits, config.slope);
         surface_terms(&surface, batch, &roles, config, &mut add);
         if !roles.background_hits.is_empty() {
-            let at = indices(&roles.background_hits, &device);
-            add("free_space", weights.free_space, losses::free_space(surface.occupancy_logit.select(0, at)));
+            let background = DistinctRows::new(&roles.background_hits, hits.len(), &device);
+            add("free_space", weights.free_space, losses::free_space(background.of_column(surface.occupancy_logit)));
         }
         if weights.normal > 0.0 {
             add("normal", weights.normal, normal_term(field, hits, noise, config));
@@ -88,8 +88,8 @@ pub fn step_loss(
     if !roles.missed_object.is_empty() && weights.occupancy > 0.0 {
         let depth = match (config.occupancy_point, &march) {
             (OccupancyPoint::Densest, Some(march)) => {
-                let at = indices(&batch.searched, &device);
-                anywhere.clone().zeros_like().select_assign(0, at, march.densest_depth.clone(), IndexingUpdateOp::Add)
+                let searched = DistinctRows::new(&batch.searched, batch.len(), &device);
+                searched.spread(march.densest_depth.clone())
             }
             _ => anywhere,
         };
@@ -140,33 +140,33 @@ fn surface_terms(
 ) {
     let weights = &config.losses;
     let device = batch.color.device();
+    let hits = surface.gradient.dims()[0];
     let truth =
         |rays: &[i64]| -> Tensor<2> { Tensor::from_inner(batch.color.clone().select(0, indices(rays, &device))) };
     if !roles.object_hits.is_empty() {
-        let at = indices(&roles.object_hits, &device);
+        let object = DistinctRows::new(&roles.object_hits, hits, &device);
         let color = truth(&roles.object_hit_rays);
         if weights.color > 0.0 {
-            add("color", weights.color, losses::color_l1(surface.color.clone().select(0, at.clone()), color.clone()));
+            add("color", weights.color, losses::color_l1(object.of(surface.color.clone()), color.clone()));
         }
         if weights.texture > 0.0 {
-            add("texture", weights.texture, losses::color_l1(surface.fixed_color.clone().select(0, at), color));
+            add("texture", weights.texture, losses::color_l1(object.of(surface.fixed_color.clone()), color));
         }
     }
     if weights.image_gradient > 0.0 && !roles.patch_hits.is_empty() {
-        let color = surface.color.clone().select(0, indices(&roles.patch_hits, &device));
+        let color = DistinctRows::new(&roles.patch_hits, hits, &device).of(surface.color.clone());
         let loss = losses::image_gradient(color, truth(&roles.patch_rays), config.patch_size);
         add("image_gradient", weights.image_gradient, loss);
     }
     if weights.depth > 0.0 && !roles.depth_hits.is_empty() {
-        let at = indices(&roles.depth_hits, &device);
+        let measured = DistinctRows::new(&roles.depth_hits, hits, &device);
         let truth: Vec<f32> = roles.depth_rays.iter().map(|&ray| batch.z_depth[ray as usize]).collect();
         let truth = floats(&truth, &device);
-        let depth = surface.depth.clone().select(0, at.clone());
         let loss = if weights.depth_on_points {
             let rays = batch.rays.select(&indices(&roles.depth_rays, &device));
-            losses::point_distance(surface.point.clone().select(0, at), Tensor::from_inner(rays.at(truth)))
+            losses::point_distance(measured.of(surface.point.clone()), Tensor::from_inner(rays.at(truth)))
         } else {
-            losses::depth_l1(depth, Tensor::from_inner(truth))
+            losses::depth_l1(measured.of_column(surface.depth.clone()), Tensor::from_inner(truth))
         };
         add("depth", weights.depth, loss);
     }

@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 use burn::tensor::Device;
 use dvr_core::{PointCloud, Scene};
 use dvr_model::Decoder;
+use dvr_render::memory_excess;
 
 use crate::cameras::RefinedCameras;
 use crate::checkpoint::{Best, CHECKPOINT_VERSION, Checkpoint, CheckpointHeader};
@@ -20,6 +21,7 @@ use crate::metrics_log::MetricsLog;
 use crate::resources::Resources;
 use crate::shape_course::ShapeCourse;
 use crate::sparse::SparseTargets;
+use crate::step_memory::too_much_memory;
 use crate::trainer::{READ_EVERY, Trainer, ViewSplit};
 use crate::validate::Agreement;
 use crate::warm_start::{carve_hull, hull_bound, warm_start};
@@ -369,6 +371,13 @@ pub(crate) fn carry_out(
         observer.progress(step, &format!("loss {:.4}  IoU {:.3}{held}", report.loss, report.mask_iou));
         if stop != Stop::Done {
             break;
+        }
+        if step % READ_EVERY == 0
+            && let Some((bytes, allowed)) = memory_excess(&options.device)
+        {
+            checkpoint(learner, best, &notes, measuring)?.save(&options.folder.last())?;
+            log.save(&options.folder.metrics_csv())?;
+            return Err(too_much_memory(step, bytes, allowed));
         }
     }
     let steps = learner.steps_done();

@@ -37,7 +37,8 @@ pub struct SceneArgs {
     pub visual_hull_depth: bool,
     /// Decoded photographs above this, e.g. 500M or 2G, are kept in a scratch file instead of memory; the system pages them
     /// in as they are read. The file lies in the temporary folder (set TMPDIR to a folder on a disk with room: 4 bytes a
-    /// pixel) and goes away by itself; results are the same [default: all in memory]
+    /// pixel) and goes away by itself; results are the same. With --backend gpu, also the most that tensors may take on the
+    /// graphics processor: work is cut to fit, and training whose step cannot fit is refused [default: all in memory]
     #[arg(long, value_parser = parse_memory, value_name = "BYTES")]
     pub memory: Option<u64>,
 }

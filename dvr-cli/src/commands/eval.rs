@@ -16,6 +16,7 @@ use serde::Serialize;
 
 use super::{SCENE_RESOLUTION, eval_objects, load_run, mesh_options, scene_of_run};
 use crate::args::EvalArgs;
+use crate::memory;
 use crate::progress::Progress;
 
 /// What is written with `--json`.
@@ -81,7 +82,9 @@ fn of_mesh(args: &EvalArgs, mesh: &Path) -> Result<Report> {
 
 fn of_run(args: &EvalArgs, checkpoint: &Checkpoint) -> Result<Report> {
     let scene: Scene = scene_of_run(checkpoint, args.data.as_ref())?;
-    let model = Model::load(checkpoint, &args.backend.backend.device_for(&checkpoint.header.method)?)?;
+    let device = args.backend.backend.device_for(&checkpoint.header.method)?;
+    memory::limit(&device, args.reading.memory);
+    let model = Model::load(checkpoint, &device)?;
     let split = ViewSplit::new(&scene, checkpoint.header.method.hold_out_every())?;
     let seeds = surface_points(model.thorough_shader().as_ref(), &split.train, 2_000);
     // Photographs tell which small pieces stay; colours are not looked at.

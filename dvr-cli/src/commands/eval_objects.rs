@@ -17,6 +17,7 @@ use super::train::{INTERRUPTED, interrupt_on_ctrl_c};
 use super::train_objects::options_of_run;
 use crate::EXIT_INTERRUPTED;
 use crate::args::{Baseline, EvalArgs, SplitArg};
+use crate::memory;
 use crate::progress::Progress;
 
 /// Cells along an edge of an object's mesh, the original's.
@@ -24,7 +25,9 @@ pub const OBJECT_RESOLUTION: u32 = 128;
 
 /// Measures a run.
 pub fn of_run(args: &EvalArgs, run: &Path, checkpoint: &Checkpoint) -> Result<ExitCode> {
-    let model = ObjectModel::load(checkpoint, &args.backend.backend.device_for(&checkpoint.header.method)?)?;
+    let device = args.backend.backend.device_for(&checkpoint.header.method)?;
+    memory::limit(&device, args.reading.memory);
+    let model = ObjectModel::load(checkpoint, &device)?;
     let root = args.data.as_ref().unwrap_or(&checkpoint.header.scene);
     let mut options = options_of_run(checkpoint)?;
     let given = &args.objects.reading;

@@ -21,6 +21,7 @@ use crate::EXIT_INTERRUPTED;
 use crate::args::{CapacityArg, MethodName, TrainArgs};
 use crate::commands::eval::print_shape;
 use crate::commands::report::write_report;
+use crate::memory::limit_training;
 use crate::progress::Progress;
 
 /// Set by Ctrl-C.
@@ -52,6 +53,7 @@ pub fn run(args: &TrainArgs) -> Result<ExitCode> {
 /// Trains, then writes mesh, preview and figures.
 fn train_scene(args: &TrainArgs, folder: &RunFolder, config: Method, resumed: Option<&Checkpoint>) -> Result<ExitCode> {
     let device = args.backend.backend.training_device(&config)?;
+    limit_training(&device, args.reading.memory, &config)?;
     let (mut scene, reading) = match resumed {
         Some(checkpoint) => (scene_of_run(checkpoint, args.scene.as_ref())?, checkpoint.header.reading.clone()),
         None => {

@@ -7,6 +7,7 @@ use anyhow::{Context, Result, bail};
 use cpu_time::ProcessTime;
 use dvr_core::Split;
 use dvr_core::dataset::{ObjectDataset, ObjectOptions, ReadOptions};
+use dvr_render::is_gpu;
 use dvr_report::SourceRun;
 use dvr_train::{
     Checkpoint, Method, ObjectsConfig, ObjectsMetrics, RunFolder, Stop, Trained, finish_objects, train_objects,
@@ -15,6 +16,7 @@ use dvr_train::{
 use super::train::{interrupted, prepare, run_options};
 use crate::args::{SceneArgs, TrainArgs};
 use crate::commands::report::write_report;
+use crate::memory::limit_training;
 use crate::progress::Progress;
 
 /// Trains, then writes preview and figures.
@@ -25,6 +27,7 @@ pub fn run(
     resumed: Option<&Checkpoint>,
 ) -> Result<ExitCode> {
     let device = args.backend.backend.device()?;
+    limit_training(&device, args.reading.memory, &Method::Objects(config.clone()))?;
     let (root, options) = match resumed {
         Some(checkpoint) => {
             let path = args.scene.clone().unwrap_or_else(|| checkpoint.header.scene.clone());
@@ -32,7 +35,7 @@ pub fn run(
         }
         None => {
             let Some(path) = args.scene.clone() else { bail!("no dataset was given") };
-            refuse_scene_options(&args.reading)?;
+            refuse_scene_options(&args.reading, is_gpu(&device))?;
             (path, args.objects.options(&args.reading))
         }
     };
@@ -56,15 +59,19 @@ pub fn run(
     Ok(ExitCode::SUCCESS)
 }
 
-/// Refuses what has a meaning for a single scene only.
-fn refuse_scene_options(reading: &SceneArgs) -> Result<()> {
+/// Refuses what has a meaning for a single scene only; --memory has one on a graphics processor, too.
+fn refuse_scene_options(reading: &SceneArgs, on_gpu: bool) -> Result<()> {
     let given = reading.read_options();
-    let shared =
-        ReadOptions { format: given.format, visual_hull_depth: given.visual_hull_depth, ..ReadOptions::default() };
+    let shared = ReadOptions {
+        format: given.format,
+        visual_hull_depth: given.visual_hull_depth,
+        max_memory: given.max_memory.filter(|_| on_gpu),
+        ..ReadOptions::default()
+    };
     if given != shared {
         bail!(
-            "--downscale, --background, --views, --ignore, --normalise and --memory are for single scenes; objects of a \
-             dataset are read as they are"
+            "--downscale, --background, --views, --ignore, --normalise and (without --backend gpu) --memory are for \
+             single scenes; objects of a dataset are read as they are"
         );
     }
     Ok(())

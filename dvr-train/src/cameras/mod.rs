@@ -181,7 +181,7 @@ fn coarse(scene: &Scene, config: &FastConfig, cells: usize, interrupted: &Atomic
         losses.push(trainer.step()?.loss);
     }
     let last = &losses[losses.len().saturating_sub(JUDGED_STEPS)..];
-    Ok(Some(Coarse { field: trainer.field(), loss: last.iter().sum::<f64>() / last.len().max(1) as f64 }))
+    Ok(Some(Coarse { field: trainer.field()?, loss: last.iter().sum::<f64>() / last.len().max(1) as f64 }))
 }
 
 /// Pixels of an object unit at the object's distance.

@@ -1,0 +1,72 @@
+//! A limit on a graphics processor's memory holds: what is held is measured, and a run that holds more is saved and ends.
+
+use std::sync::atomic::AtomicBool;
+
+use burn::tensor::Tensor;
+use dvr_core::dataset::{ReadOptions, read_scene};
+use dvr_core::mesh::{TexturedMesh, shapes};
+use dvr_core::synth::{SynthConfig, render_dataset};
+use dvr_tests::graphics_processor;
+use dvr_train::{Checkpoint, Error, Method, Observer, RunFolder, RunOptions, Supervision, TrainConfig, train};
+
+struct Silent;
+
+impl Observer for Silent {
+    fn phase(&mut self, _: &str, _: usize) {}
+    fn progress(&mut self, _: usize, _: &str) {}
+    fn note(&mut self, _: &str) {}
+}
+
+// One test, because the limit holds for the whole process.
+#[test]
+fn a_run_that_holds_more_memory_than_it_may_is_saved_and_ends() {
+    let Some(gpu) = graphics_processor() else { return };
+    let before = dvr_gpu::memory_held(&gpu).expect("it tells");
+    let tensor = Tensor::<1>::zeros([1 << 20], &gpu);
+    gpu.sync().unwrap();
+    let held = dvr_gpu::memory_held(&gpu).expect("it tells");
+    assert!(held >= before + (4 << 20), "four bytes a number: {before}, then {held}");
+    assert_eq!(dvr_gpu::memory_excess(&gpu), None, "nobody has limited it");
+    let points = dvr_gpu::points_at_once(&gpu).expect("a graphics processor");
+    dvr_gpu::limit_memory(held / 2);
+    let excess = dvr_gpu::memory_excess(&gpu).expect("more than half of itself");
+    assert_eq!((excess.held, excess.allowed), (held, held / 2));
+    assert!(dvr_gpu::points_at_once(&gpu) < Some(points), "work is cut smaller");
+    drop(tensor);
+
+    let folder = tempfile::tempdir().unwrap();
+    let ball = TexturedMesh { mesh: shapes::icosphere(2, 1.0), ..TexturedMesh::default() };
+    let synth = SynthConfig {
+        views: 8,
+        width: 16,
+        height: 16,
+        surface_points: 100,
+        occupancy_points: 100,
+        ..SynthConfig::default()
+    };
+    render_dataset(&ball, "ball", "balls", folder.path(), &synth, &|_, _| ()).unwrap();
+    let scene = read_scene(&folder.path().join("balls/ball"), &ReadOptions::default()).unwrap();
+    let mut config = TrainConfig { rays: 32, steps: 40, hold_out_every: 0, ..TrainConfig::new(Supervision::Rgb) };
+    (config.model.hidden, config.model.blocks, config.model.octaves) = (16, 1, 0);
+    (config.hull.warm_start_steps, config.losses.normal) = (0, 0.0);
+    let run = RunFolder::new(folder.path().join("run"));
+    run.create().unwrap();
+    let options = RunOptions {
+        folder: run.clone(),
+        device: gpu,
+        reading: serde_json::Value::Null,
+        time_limit: None,
+        refined: None,
+        truth: None,
+        interrupted: &AtomicBool::new(false),
+    };
+    dvr_gpu::limit_memory(10_000);
+    let problem = match train(&scene, Method::Network(config), None, &options, &mut Silent) {
+        Err(problem @ Error::Memory { .. }) => problem.to_string(),
+        other => panic!("{:?}", other.map(|trained| trained.steps)),
+    };
+    for part in ["after step 10", "are allowed", "--resume", "--memory"] {
+        assert!(problem.contains(part), "{part:?} is missing in: {problem}");
+    }
+    assert_eq!(Checkpoint::load(&run.last()).unwrap().header.step, 10);
+}
