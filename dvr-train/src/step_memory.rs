@@ -36,7 +36,8 @@ const CONVOLUTIONAL_BYTES_A_PIXEL: f64 = 11.0;
 /// What a device sets aside at least.
 const PAGES: f64 = 4e6;
 
-/// Bytes that a step of the method takes at most on a graphics processor, about. 0 for fields on lattices, which do not use one.
+/// Bytes that a step of the method takes at most on a graphics processor, about. 0 for fields on lattices: what
+/// they take is photographs and lattices, which only the scene tells, and is looked at while they are trained.
 pub fn step_memory(method: &Method) -> u64 {
     let bytes = match method {
         Method::Lattice(_) => 0.0,
