@@ -7,12 +7,12 @@
 # validations, checkpoints and all, and looks once in a while how much memory the process has (Linux: resident set size from /proc; with
 # a software adapter that is the device's memory, too; of a card, nvidia-smi tells where it is installed).
 # Writes OUT/memory.csv (seconds since the start, MB; MB of the card), OUT/pace.csv (step, milliseconds a step and CPU milliseconds a
-# step since the row before), and prints for each its mean, its slope over the run with standard error, and whether that is flat:
-# within two standard errors of zero, or less than 2 % of the mean from one end to the other. The first quarter is left out: caches fill
-# and the shape is found there. Needs `dvr` on the PATH (or in $DVR) and awk. Run it from the root of the repository.
+# step since the row before), and prints for each its mean, how far a straight line through it rises, with standard error, and whether it
+# is flat (within two standard errors of zero, or less than 2 % of the mean), grows or falls. The first quarter is left out: caches fill and
+# the shape is found there. Needs `dvr` on the PATH (or in $DVR) and awk. Run it from the root of the repository.
 set -eu
 
-[ $# -ge 3 ] || { sed -n '2,14s/^# \{0,1\}//p' "$0" >&2; exit 2; }
+[ $# -ge 3 ] || { sed -n '2,12s/^# \{0,1\}//p' "$0" >&2; exit 2; }
 backend=$1 steps=$2 out=$3
 shift 3
 dvr=${DVR:-dvr}
@@ -32,7 +32,6 @@ trap 'kill $process 2>/dev/null || true' INT TERM
 echo "seconds,resident_mb,card_mb" > "$out/memory.csv"
 began=$(date +%s)
 while kill -0 $process 2>/dev/null; do
-    # Until training has begun there is no pace to compare it with.
     resident=$(awk '/^VmRSS:/ { print $2 / 1024 }' /proc/$process/status 2>/dev/null || true)
     card=""
     if command -v nvidia-smi > /dev/null; then
@@ -53,6 +52,11 @@ awk -F, -v every=$((steps / rows)) '
         last = $1; s = seconds; c = cpu
     }' "$out/run/metrics.csv" > "$out/pace.csv"
 
+# What is made after training, the mesh and its figures, takes memory of its own.
+trained=$(awk -F, 'NR == 1 { for (i = 1; i <= NF; i++) if ($i == "seconds") column = i; next } { last = $column } END { print last }' \
+    "$out/run/metrics.csv")
+awk -F, -v trained="$trained" 'NR == 1 || $1 <= trained' "$out/memory.csv" > "$out/memory.part" && mv "$out/memory.part" "$out/memory.csv"
+
 # Mean, slope by least squares and its standard error, of a column over the first one, without the first quarter.
 fit() {
     awk -F, -v y="$2" -v name="$3" -v unit="$4" '
@@ -68,9 +72,9 @@ fit() {
             error = sqrt(rss / (m - 2) / sxx)
             length_x = x[m] - x[1]
             change = slope * length_x; change_error = error * length_x
-            flat = (change < 0 ? -change : change) <= 2 * change_error || (change < 0 ? -change : change) < 0.02 * my
-            printf "| %s | %.2f %s | %+.3f +- %.3f %s | %+.2f %% | %s |\n", name, my, unit, change, change_error, unit, 100 * change / my, \
-                flat ? "flat" : "NOT FLAT"
+            size = change < 0 ? -change : change
+            verdict = size <= 2 * change_error || size < 0.02 * my ? "flat" : change > 0 ? "GROWS" : "falls"
+            printf "| %s | %.2f %s | %+.3f +- %.3f %s | %+.2f %% | %s |\n", name, my, unit, change, change_error, unit, 100 * change / my, verdict
         }' "$1"
 }
 echo "| of $steps steps on $backend | mean | change from a quarter to the end | share | |"
