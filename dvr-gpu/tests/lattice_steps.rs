@@ -14,7 +14,6 @@ const LOSSES: LatticeLosses = LatticeLosses {
     depth: 0.0,
     mask: 1.0,
     sharpness: 100.0,
-    eikonal: 0.0,
     roughness_knee: 0.05,
     grazing: 0.05,
 };

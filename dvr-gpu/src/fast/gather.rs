@@ -64,8 +64,7 @@ pub(super) fn scatter(
         let at = ray * LESSON_COLUMNS;
         let point = Point::new(lessons[at], lessons[at + 1], lessons[at + 2]);
         let by_value = lessons[at + 3];
-        let by_gradient = Point::new(lessons[at + 4], lessons[at + 5], lessons[at + 6]);
-        if most[0] > SMALLEST && by_value.abs() + by_gradient.size() > 0.0f32 {
+        if most[0] > SMALLEST && by_value.abs() > 0.0f32 {
             let shape = grid(shape_nodes, half_extent);
             let cell = shape.locate(&point);
             let unit = unit(most[0], steps);
@@ -73,12 +72,11 @@ pub(super) fn scatter(
             for corner in 0..8usize {
                 let slot = shape_slots[shape.corner(cell.node, corner)];
                 if slot != NONE {
-                    let number = cell.weight(corner) * by_value + cell.gradient_weight(corner, &by_gradient);
-                    add(shape_sums, 2 * slot as usize, number, unit, steps);
+                    add(shape_sums, 2 * slot as usize, cell.weight(corner) * by_value, unit, steps);
                 }
             }
         }
-        let by_color = Point::new(lessons[at + 7], lessons[at + 8], lessons[at + 9]);
+        let by_color = Point::new(lessons[at + 4], lessons[at + 5], lessons[at + 6]);
         if most[1] > SMALLEST && by_color.size() > 0.0f32 {
             let color = grid(color_nodes, half_extent);
             let cell = color.locate(&point);

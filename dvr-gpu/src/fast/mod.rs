@@ -103,7 +103,6 @@ pub struct LatticeLosses {
     pub depth: f32,
     pub mask: f32,
     pub sharpness: f32,
-    pub eikonal: f32,
     pub roughness_knee: f32,
     /// Cosine between ray and surface at which the gradient of the depth is damped.
     pub grazing: f32,
@@ -127,7 +126,7 @@ pub struct LatticeStep<'a> {
 /// What a step's losses were.
 #[derive(Clone, Debug)]
 pub struct LatticeSums {
-    /// The rays' lessons, [`LESSON_COLUMNS`] numbers each: the point, the gradients by the shape's value, by its gradient (per cell) and
+    /// The rays' lessons, [`LESSON_COLUMNS`] numbers each: the point, the gradients by the shape's value and
     /// by the colour; then the losses by colour, cross-view colour, structure, depth and mask, and whether the ray hits and shows the
     /// object, and does either.
     pub lessons: Vec<f32>,

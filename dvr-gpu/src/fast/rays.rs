@@ -10,9 +10,8 @@ use super::space::{Point, grid};
 use super::walk::{FAR, Region, first_crossing, walk};
 use super::weights::Weights;
 
-/// Numbers of a lesson: point, gradient by the shape's value, by its gradient (per cell), by the colour; then the ray's losses by
-/// colour, cross-view colour, structure, depth and mask, and whether it hits and shows the object, and does either.
-pub const LESSON_COLUMNS: usize = 17;
+/// Numbers of a lesson: point, gradient by the shape's value, by the colour; then the ray's losses by colour, cross-view colour, structure, depth and mask, and whether it hits and shows the object, and does either.
+pub const LESSON_COLUMNS: usize = 14;
 
 /// A view of none, a node that carries no parameters.
 pub(super) const NONE: u32 = u32::MAX;
@@ -60,10 +59,10 @@ pub(super) fn follow(
         let hit = first_crossing(values, marks, &region, &origin, &direction, 0.0f32, f32::new(FAR));
         let (shows, hits) = (is_object(shown), hit >= 0.0f32);
         if shows || hits {
-            lessons[at + 16] = 1.0f32;
+            lessons[at + 13] = 1.0f32;
         }
         if shows && hits {
-            lessons[at + 15] = 1.0f32;
+            lessons[at + 12] = 1.0f32;
             let z_depth = if weights.depth > 0.0f32 { z_depths[place] } else { f32::new(FAR) };
             surface_lesson(
                 picks,
@@ -88,9 +87,8 @@ pub(super) fn follow(
             let (from, sign) = (select(hits, hit, 0.0f32), select(hits, 1.0f32, -1.0f32));
             mask_lesson(values, slots, lessons, &pixel, &region, &weights, from, sign, at);
         }
-        let by_gradient = Point::new(lessons[at + 4], lessons[at + 5], lessons[at + 6]);
-        let by_color = lessons[at + 7].abs().max(lessons[at + 8].abs()).max(lessons[at + 9].abs());
-        most[0].fetch_max(u32::reinterpret(lessons[at + 3].abs() + by_gradient.size()));
+        let by_color = lessons[at + 4].abs().max(lessons[at + 5].abs()).max(lessons[at + 6].abs());
+        most[0].fetch_max(u32::reinterpret(lessons[at + 3].abs()));
         most[1].fetch_max(u32::reinterpret(by_color));
     }
 }
@@ -144,7 +142,7 @@ fn surface_lesson(
     let residual = Point::new(red, green, blue).minus(&pixel.color);
     let sign = residual.signs();
     by_depth += weights.color * sign.dot(&Point::new(along_red, along_green, along_blue));
-    lessons[at + 10] = residual.size();
+    lessons[at + 7] = residual.size();
 
     if weights.cross_view > 0.0f32 || weights.structure > 0.0f32 {
         let found = Disagreement {
@@ -157,8 +155,8 @@ fn surface_lesson(
             picks, views, pixels, values, marks, pixel, region, weights, &point, &inward, others, compared, &found,
         );
         by_depth += found.by_depth.read() / weights.compared;
-        lessons[at + 11] = found.color.read();
-        lessons[at + 12] = found.structure.read();
+        lessons[at + 8] = found.color.read();
+        lessons[at + 9] = found.structure.read();
     }
     // Beyond everything where nothing was measured.
     if weights.depth > 0.0f32 && z_depth.abs() < f32::new(FAR) {
@@ -166,25 +164,21 @@ fn surface_lesson(
         let error = depth - z_depth;
         let length = pixel.direction.length();
         by_depth += weights.depth * length * select(error < 0.0f32, -1.0f32, 1.0f32);
-        lessons[at + 13] = error.abs() * length;
+        lessons[at + 10] = error.abs() * length;
     }
 
     // The implicit function theorem, scale-free at grazing rays.
     let scale = (steepness * pixel.direction.length()).max(1e-20f32);
     let cosine = gradient.dot(&pixel.direction) / scale;
     let inverse_slope = cosine / (cosine * cosine + weights.grazing * weights.grazing) / scale;
-    let by_gradient = 2.0f32 * weights.eikonal * (steepness - 1.0f32) / steepness / shape.spacing;
     let by_color = weights.color + weights.texture;
     lessons[at] = point.x;
     lessons[at + 1] = point.y;
     lessons[at + 2] = point.z;
     lessons[at + 3] = -by_depth * inverse_slope;
-    lessons[at + 4] = by_gradient * gradient.x;
-    lessons[at + 5] = by_gradient * gradient.y;
-    lessons[at + 6] = by_gradient * gradient.z;
-    lessons[at + 7] = by_color * sign.x;
-    lessons[at + 8] = by_color * sign.y;
-    lessons[at + 9] = by_color * sign.z;
+    lessons[at + 4] = by_color * sign.x;
+    lessons[at + 5] = by_color * sign.y;
+    lessons[at + 6] = by_color * sign.z;
 }
 
 /// A ray that hits though its pixel shows background (`sign` 1), or misses though it shows the object (-1): the point of the largest
@@ -220,7 +214,7 @@ fn mask_lesson(
         let point = pixel.origin.along(&pixel.direction, depth);
         let logit = sign * weights.sharpness * largest;
         // softplus(logit) and its derivative.
-        lessons[at + 14] = logit.max(0.0f32) + (1.0f32 + (-logit.abs()).exp()).ln();
+        lessons[at + 11] = logit.max(0.0f32) + (1.0f32 + (-logit.abs()).exp()).ln();
         lessons[at] = point.x;
         lessons[at + 1] = point.y;
         lessons[at + 2] = point.z;

@@ -204,7 +204,6 @@ fn weights_arg(losses: &LatticeLosses, compared: usize) -> WeightsLaunch {
         losses.depth,
         losses.mask,
         losses.sharpness,
-        losses.eikonal,
         losses.grazing,
         compared.max(1) as f32,
     )

@@ -17,7 +17,6 @@ pub(super) struct Weights {
     pub depth: f32,
     pub mask: f32,
     pub sharpness: f32,
-    pub eikonal: f32,
     /// Cosine at which slopes of grazing rays are damped.
     pub grazing: f32,
     /// What a sum over compared views is divided by.

@@ -123,8 +123,6 @@ pub struct FastLosses {
     pub mask: f64,
     /// How steep the logistic function of these is: logits are so many times the shape's values.
     pub sharpness: f64,
-    /// How far the gradient's length at hits is from one, squared.
-    pub eikonal: f64,
     /// Roughness: how far, in cells, a node near the surface is from the mean of its neighbours; see `roughness_knee`.
     pub roughness: f64,
     /// Roughness counts in square up to this and linearly beyond: noise is smoothed, edges stay.
@@ -144,7 +142,6 @@ impl Default for FastLosses {
             depth: 0.0,
             mask: 10.0,
             sharpness: 100.0,
-            eikonal: 0.05,
             roughness: 3.0,
             roughness_knee: 0.05,
         }
@@ -260,7 +257,6 @@ impl FastConfig {
             ("losses.depth", losses.depth),
             ("losses.mask", losses.mask),
             ("losses.sharpness", losses.sharpness),
-            ("losses.eikonal", losses.eikonal),
             ("losses.roughness", losses.roughness),
             ("losses.roughness_knee", losses.roughness_knee),
             ("shape_rate", self.shape_rate),

@@ -132,7 +132,6 @@ fn weights(config: &FastConfig) -> LatticeLosses {
         depth: losses.depth as f32,
         mask: losses.mask as f32,
         sharpness: losses.sharpness as f32,
-        eikonal: losses.eikonal as f32,
         roughness_knee: losses.roughness_knee as f32,
         grazing,
     }
@@ -142,8 +141,8 @@ fn weights(config: &FastConfig) -> LatticeLosses {
 fn tally(lessons: &[f32]) -> Tally {
     let mut tally = Tally::default();
     for lesson in lessons.as_chunks::<LESSON_COLUMNS>().0 {
-        let [color, cross_view, structure, depth, mask] = [10, 11, 12, 13, 14].map(|i| f64::from(lesson[i]));
-        let [intersection, union] = [15, 16].map(|i| usize::from(lesson[i] > 0.0));
+        let [color, cross_view, structure, depth, mask] = [7, 8, 9, 10, 11].map(|i| f64::from(lesson[i]));
+        let [intersection, union] = [12, 13].map(|i| usize::from(lesson[i] > 0.0));
         tally.add(&Tally { color, cross_view, structure, depth, mask, intersection, union });
     }
     tally

@@ -148,15 +148,14 @@ fn row(stepper: &CpuStepper, fixture: &Fixture, ray: usize) -> [f32; LESSON_COLU
     if let Some(lesson) = lesson {
         let lattice = fixture.shape.lattice();
         let point = lattice.position(lesson.shape_cell.node) + lesson.shape_cell.at * lattice.spacing();
-        let parts = [point, lesson.by_gradient, lesson.by_color].map(|v: Vec3| v.to_array());
+        let parts = [point, lesson.by_color].map(|v: Vec3| v.to_array());
         row[..3].copy_from_slice(&parts[0]);
         row[3] = lesson.by_value;
         row[4..7].copy_from_slice(&parts[1]);
-        row[7..10].copy_from_slice(&parts[2]);
     }
     let losses = [tally.color, tally.cross_view, tally.structure, tally.depth, tally.mask];
-    (0..5).for_each(|i| row[10 + i] = losses[i] as f32);
-    (row[15], row[16]) = (tally.intersection as f32, tally.union as f32);
+    (0..5).for_each(|i| row[7 + i] = losses[i] as f32);
+    (row[12], row[13]) = (tally.intersection as f32, tally.union as f32);
     row
 }
 

@@ -17,8 +17,6 @@ pub(super) struct Lesson {
     pub color_cell: Cell,
     /// By the shape's value there.
     pub by_value: f32,
-    /// By the shape's gradient there, per cell.
-    pub by_gradient: Vec3,
     /// By the colour there.
     pub by_color: Vec3,
 }
@@ -114,14 +112,7 @@ impl Scene<'_> {
         // The implicit function theorem, scale-free at grazing rays.
         let inverse_slope =
             SlopeRule::default().inverse_slope_of(gradient.dot(direction), steepness * direction.length());
-        let excess = steepness - 1.0;
-        Lesson {
-            shape_cell,
-            color_cell,
-            by_value: -by_depth * inverse_slope,
-            by_gradient: (2.0 * losses.eikonal as f32 * excess / steepness) * gradient / self.shape.spacing(),
-            by_color,
-        }
+        Lesson { shape_cell, color_cell, by_value: -by_depth * inverse_slope, by_color }
     }
 
     /// How the disagreement with other views at `point` changes with the depth; mean over views.
@@ -193,7 +184,6 @@ impl Scene<'_> {
             shape_cell: self.shape.locate(point),
             color_cell: self.colors.locate(point),
             by_value: self.losses.mask as f32 * sign * sharpness * probability,
-            by_gradient: Vec3::ZERO,
             by_color: Vec3::ZERO,
         })
     }

@@ -118,7 +118,6 @@ fn nothing() -> FastLosses {
         structure: 0.0,
         depth: 0.0,
         mask: 0.0,
-        eikonal: 0.0,
         ..FastLosses::default()
     }
 }

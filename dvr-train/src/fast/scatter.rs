@@ -1,7 +1,6 @@
 //! From lessons at points to gradients at nodes.
 
 use dvr_kernels::{ActiveNodes, Cell, Lattice};
-use glam::Vec3;
 use rayon::prelude::*;
 
 use super::rays::Lesson;
@@ -19,14 +18,7 @@ pub(super) fn gather_shape(lessons: &[Lesson], active: &ActiveNodes, is_active: 
         is_active,
         gradient,
         |lesson| lesson.shape_cell,
-        |lesson| {
-            let mut weights = lesson.shape_cell.weights().map(|weight| [weight * lesson.by_value]);
-            if lesson.by_gradient != Vec3::ZERO {
-                let slopes = lesson.shape_cell.gradient_weights(lesson.by_gradient);
-                weights.iter_mut().zip(slopes).for_each(|(weight, slope)| weight[0] += slope);
-            }
-            weights
-        },
+        |lesson| lesson.shape_cell.weights().map(|weight| [weight * lesson.by_value]),
     );
 }
 
