@@ -137,7 +137,8 @@ fn a_folder_that_holds_a_run_is_not_overwritten_by_accident() {
         bytes[at + pattern.len() - 1] = digit;
         bytes
     };
-    std::fs::write(run.join("last.ckpt"), replaced("\\\"version\\\":2", b'9')).unwrap();
+    let version = format!("\\\"version\\\":{}", dvr_train::CHECKPOINT_VERSION);
+    std::fs::write(run.join("last.ckpt"), replaced(&version, b'9')).unwrap();
     refuses(&dvr(&["mesh", text(&run)]), &["version 9"]);
     // Parameters of another shape than the configuration says.
     std::fs::write(run.join("last.ckpt"), replaced("\\\"hidden\\\":32", b'3')).unwrap();
