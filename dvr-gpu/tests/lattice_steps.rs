@@ -57,12 +57,12 @@ fn what_is_too_large_is_refused_with_its_size() {
     trainer.enter(0.55, levels(1), levels(3)).unwrap();
     let step = |rays| LatticeStep { first: 0, rays, rates: [&[0.01], &[0.01]], roughness: 0.0, rest: ([0.5; 3], 1e-5) };
     let refused = trainer.step(&step(1 << 40)).map_err(|e| e.to_string());
-    assert!(refused.is_err_and(|problem| problem.contains("lessons would take 71303168 MiB in one piece")));
+    assert!(refused.is_err_and(|problem| problem.contains("lessons would take 58720256 MiB in one piece")));
     // It is still good for what fits: the ray meets the raised node, and its colour goes from gray to the pixel's white.
     trainer.draw(vec![0, 0], 0).unwrap();
     trainer.step(&step(1)).unwrap();
     let lesson = trainer.sums().unwrap().lessons;
-    assert!(lesson[15] == 1.0 && lesson[7..10] == [-1.0; 3], "{lesson:?}");
+    assert!(lesson[12] == 1.0 && lesson[4..7] == [-1.0; 3], "{lesson:?}");
     let [shape, color] = trainer.states().unwrap();
     assert_eq!((shape[0], color[0]), (1.0, 1.0), "one step");
     assert!(color[1..4].iter().all(|&parameter| (parameter - 0.01).abs() < 1e-6), "{color:?}");

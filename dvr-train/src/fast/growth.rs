@@ -17,6 +17,7 @@ pub(super) struct Reached {
     pub cells: usize,
     pub parameters: usize,
     pub bytes: usize,
+    #[serde(with = "super::exact")]
     pub held_out: Option<Agreement>,
 }
 

@@ -5,6 +5,7 @@ mod config;
 mod cpu;
 #[cfg(feature = "gpu")]
 mod device;
+mod exact;
 mod growth;
 mod levels;
 mod patch;

@@ -1,0 +1,39 @@
+//! Figures that come back from JSON bit for bit: reading its text may miss the last digit of a number, and a run that was resumed
+//! must not differ from one that was not.
+
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+use crate::validate::Agreement;
+
+/// PSNR and IoU as their bits, and the pixels.
+type Bits = (u64, u64, usize);
+
+pub(super) fn serialize<S: Serializer>(agreement: &Option<Agreement>, serializer: S) -> Result<S::Ok, S::Error> {
+    let bits = agreement.map(|found| -> Bits { (found.psnr.to_bits(), found.mask_iou.to_bits(), found.pixels) });
+    bits.serialize(serializer)
+}
+
+pub(super) fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<Agreement>, D::Error> {
+    let bits = Option::<Bits>::deserialize(deserializer)?;
+    Ok(bits.map(|(psnr, mask_iou, pixels)| Agreement {
+        psnr: f64::from_bits(psnr),
+        mask_iou: f64::from_bits(mask_iou),
+        pixels,
+    }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::growth::Reached;
+    use super::*;
+
+    #[test]
+    fn no_bit_is_lost_on_the_way_through_text() {
+        for psnr in [26.143_123_456_789_012, f64::INFINITY, 1.0 / 3.0, 19.100_000_000_000_001] {
+            let held_out = Some(Agreement { psnr, mask_iou: 0.1 + 0.2, pixels: 7 });
+            let reached = Reached { cells: 32, parameters: 5, bytes: 6, held_out };
+            let text = serde_json::to_string(&reached).unwrap();
+            assert_eq!(serde_json::from_str::<Reached>(&text).unwrap(), reached);
+        }
+    }
+}
