@@ -9,6 +9,7 @@ use image::imageops;
 pub(super) struct SmoothPhotograph {
     width: u32,
     height: u32,
+    blur: f32,
     colors: Vec<Vec3>,
 }
 
@@ -28,7 +29,12 @@ impl SmoothPhotograph {
             image::Rgb(picture.get_pixel(u, v).0.map(|channel| f32::from(channel) / 255.0))
         });
         let blurred = if blur > 0.0 { imageops::blur(&as_float, blur) } else { as_float };
-        Self { width, height, colors: blurred.pixels().map(|pixel| Vec3::from(pixel.0)).collect() }
+        Self { width, height, blur, colors: blurred.pixels().map(|pixel| Vec3::from(pixel.0)).collect() }
+    }
+
+    /// How far a pixel is spread noticeably, in pixels.
+    pub fn reach(&self) -> f32 {
+        1.5 * self.blur
     }
 
     /// Bilinear between the centres of pixels; `None` beyond the outermost.

@@ -50,8 +50,8 @@ const REDUNDANCY: f64 = 20.0;
 /// The pixels of a view that tell its camera.
 #[derive(Clone, Debug)]
 pub(super) struct Marks {
-    /// Well inside the object.
-    interior: Vec<(u32, u32)>,
+    /// Inside the object, with the distance to the outline.
+    interior: Vec<(u32, u32, f32)>,
     /// Along the outline, with the distance to it, positive inside.
     outline: Vec<(u32, u32, f32)>,
 }
@@ -66,9 +66,10 @@ impl Marks {
         // At the border of the frame, the mask's end is not the object's.
         let framed = |u: u32, v: u32| u > 1 && v > 1 && u + 2 < width && v + 2 < height;
         let outline = pixels().filter(|&(u, v)| framed(u, v)).map(|(u, v)| (u, v, distances.of_pixel(u, v)));
-        let interior = pixels().filter(|&(u, v)| view.mask.is_object(u, v) && distances.of_pixel(u, v) > inwards);
+        let interior =
+            pixels().filter(|&(u, v)| view.mask.is_object(u, v)).map(|(u, v)| (u, v, distances.of_pixel(u, v)));
         Self {
-            interior: thinned(interior.collect(), INTERIOR),
+            interior: thinned(interior.filter(|&(_, _, s)| s > inwards).collect(), INTERIOR),
             outline: thinned(outline.filter(|&(_, _, s)| s > -outwards && s < inwards).collect(), OUTLINE),
         }
     }
@@ -216,13 +217,17 @@ fn interior_residuals(
     field: &LatticeField,
 ) -> (Vec<Residual>, Vec<DVec3>) {
     let camera = &now.camera;
-    let rays: Vec<_> = marks.interior.iter().map(|&(u, v)| camera.pixel_ray(u, v)).collect();
+    let rays: Vec<_> = marks.interior.iter().map(|&(u, v, _)| camera.pixel_ray(u, v)).collect();
     let (mut residuals, mut points) = (Vec::new(), Vec::new());
-    for ((&(u, v), ray), shaded) in marks.interior.iter().zip(&rays).zip(field.shade(&rays)) {
+    for ((&(u, v, distance), ray), shaded) in marks.interior.iter().zip(&rays).zip(field.shade(&rays)) {
         let Some(shaded) = shaded else { continue };
+        points.push(ray.at(f64::from(shaded.depth)));
+        // Nearer to the outline, the background is blurred into the object.
+        if distance < photo.reach() {
+            continue;
+        }
         let Some(seen) = photo.sample(DVec2::new(f64::from(u) + 0.5, f64::from(v) + 0.5)) else { continue };
         let point = ray.at(f64::from(shaded.depth));
-        points.push(point);
         // What is seen edge on slides over the photograph with every error of its depth.
         let facing = f64::from(-Vec3::from(shaded.normal).dot(ray.direction.as_vec3().normalize())).max(0.0);
         let turned = camera.rotation * point;
