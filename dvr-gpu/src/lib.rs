@@ -26,6 +26,7 @@ mod lattice;
 mod march;
 mod memory;
 mod open;
+mod space;
 
 pub use adapter::{Adapter, AdapterKind, adapters};
 pub use fast::{

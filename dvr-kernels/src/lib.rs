@@ -26,6 +26,7 @@ mod lattice;
 mod mlp;
 pub mod pyramid;
 mod roughness;
+pub mod rules;
 mod sign_map;
 mod walk;
 

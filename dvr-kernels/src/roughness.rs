@@ -6,9 +6,7 @@ use pulp::Arch;
 use rayon::prelude::*;
 
 use crate::active::ActiveNodes;
-
-/// Nodes whose value is at most so many spacings from zero count as near the surface.
-const NEAR: f32 = 2.0;
+use crate::rules::NEAR;
 
 /// Measures roughness at one set of active nodes; keeps its working space between steps.
 #[derive(Clone, Debug, Default)]

@@ -3,19 +3,14 @@
 #![allow(missing_docs)]
 
 use cubecl::prelude::*;
+use dvr_kernels::rules::{CLEARANCE, MIN_COSINE};
 
 use super::patch::patch;
 use super::photo::{Photo, photo};
 use super::rays::NONE;
-use super::space::Point;
 use super::walk::{Region, first_crossing};
 use super::weights::Weights;
-
-/// Cosine between normal and line of sight below which another view is not asked.
-const MIN_COSINE: f32 = 0.15;
-
-/// Cells that a line of sight leaves the surface by before it is tested for occlusion.
-const CLEARANCE: f32 = 1.5;
+use crate::space::Point;
 
 /// A pixel that is followed.
 #[derive(CubeType)]

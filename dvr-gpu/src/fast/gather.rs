@@ -6,15 +6,13 @@
 #![allow(missing_docs)]
 
 use cubecl::prelude::*;
+use dvr_kernels::rules::NEAR;
 
 use super::rays::{LESSON_COLUMNS, NONE};
-use super::space::{Point, grid};
+use crate::space::{Point, grid};
 
 /// Work-items a group.
 pub(super) const UNITS: usize = 64;
-
-/// Nodes whose value is at most so many spacings from zero count as near the surface.
-const NEAR: f32 = 2.0;
 
 /// The bits of the smallest number whose unit can be divided by.
 const SMALLEST: u32 = 0x1000_0000;

@@ -3,14 +3,12 @@
 use burn::tensor::IntDType;
 use cubecl::calculate_cube_count_elemwise;
 use cubecl::prelude::*;
+use dvr_kernels::rules::{BETA1, BETA2};
 
 use super::buffer::{Buffer, Buffers};
 use super::gather::UNITS;
 use super::rays::NONE;
 use super::{FastError, LatticeLevels, pyramid};
-
-/// Decay of Adam's means, as the kernel has it.
-const BETAS: (f32, f32) = (0.9, 0.99);
 
 /// Parameters of one lattice. What is kept for the active nodes alone lies in their order, in *slots*.
 pub(super) struct Level {
@@ -114,8 +112,8 @@ impl Levels {
     fn descend(&self, client: &Client, rates: Option<&[f32]>) {
         let unbiased = |beta: f32| 1.0 - beta.powi(self.steps);
         for (i, level) in self.levels.iter().enumerate() {
-            let rate = rates.and_then(|rates| rates.get(i)).map_or(0.0, |rate| rate / unbiased(BETAS.0));
-            let scale = if rates.is_some() { 1.0 / unbiased(BETAS.1) } else { 0.0 };
+            let rate = rates.and_then(|rates| rates.get(i)).map_or(0.0, |rate| rate / unbiased(BETA1));
+            let scale = if rates.is_some() { 1.0 / unbiased(BETA2) } else { 0.0 };
             // The coarsest is given its own slots' base: nothing that it writes to.
             let coarser = if i == 0 { &level.base } else { &self.levels[i - 1].sums };
             pyramid::descend::launch(

@@ -13,7 +13,6 @@ mod patch;
 mod photo;
 mod pyramid;
 mod rays;
-mod space;
 mod stage;
 mod trainer;
 mod walk;

@@ -3,19 +3,14 @@
 #![allow(missing_docs)]
 
 use cubecl::prelude::*;
+use dvr_kernels::rules::{MAX_STRETCH, PATCH_NOISE, PATCH_SIDE};
 
 use super::photo::{Photo, color, is_object};
-use super::space::Point;
+use crate::space::Point;
 
-/// Samples along the side of a patch.
-const SIDE: u32 = 3;
-const SAMPLES: usize = 9;
-
-/// Variance of brightness that noise alone may have.
-const NOISE: f32 = 1e-4;
-
-/// How much nearer or farther than the middle a sample may lie, as a factor.
-const MAX_STRETCH: f32 = 1.15;
+/// Samples of a patch: along its side, and all.
+const SIDE: u32 = PATCH_SIDE as u32;
+const SAMPLES: usize = PATCH_SIDE * PATCH_SIDE;
 
 /// Brightnesses around a pixel, on the plane that its ray meets.
 #[derive(CubeType)]
@@ -121,9 +116,9 @@ impl Patch {
             seen_moves += seen[i] * moves[i];
         }
         let samples = comptime!(SAMPLES as f32);
-        let scale = ((self.variance + NOISE) * (variance + NOISE)).sqrt();
+        let scale = ((self.variance + PATCH_NOISE) * (variance + PATCH_NOISE)).sqrt();
         let correlation = likeness / samples / scale;
-        let derivative = own_moves / samples / scale - correlation * (seen_moves / samples) / (variance + NOISE);
+        let derivative = own_moves / samples / scale - correlation * (seen_moves / samples) / (variance + PATCH_NOISE);
         Likeness { is_seen, correlation, derivative }
     }
 }

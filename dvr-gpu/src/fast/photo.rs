@@ -4,7 +4,7 @@
 
 use cubecl::prelude::*;
 
-use super::space::{Point, lerp};
+use crate::space::{Point, lerp};
 
 /// Numbers a view in the table of views: centre, pixel to direction, projection, offset (matrices column by column), width,
 /// height, and where its pixels begin.

@@ -3,13 +3,9 @@
 #![allow(missing_docs)]
 
 use cubecl::prelude::*;
+use dvr_kernels::rules::{BETA1, BETA2, EPSILON};
 
 use super::rays::NONE;
-
-/// Decay of Adam's means, and what is added to the root of the second.
-const BETA1: f32 = 0.9;
-const BETA2: f32 = 0.99;
-const EPSILON: f32 = 1e-10;
 
 /// The gradient by the active nodes of a coarse lattice, from that by the active nodes of one of twice the cells.
 #[cube(launch)]

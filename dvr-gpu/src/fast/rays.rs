@@ -6,9 +6,9 @@ use cubecl::prelude::*;
 
 use super::cross_view::{Disagreement, Pixel, cross_view};
 use super::photo::{color, is_object, photo};
-use super::space::{Point, grid};
 use super::walk::{FAR, Region, first_crossing, walk};
 use super::weights::Weights;
+use crate::space::{Point, grid};
 
 /// Numbers of a lesson: point, gradient by the shape's value, by the colour; then the ray's losses by colour, cross-view colour, structure, depth and mask, and whether it hits and shows the object, and does either.
 pub const LESSON_COLUMNS: usize = 14;

@@ -6,7 +6,7 @@ use cubecl::prelude::*;
 
 use super::cubic::{Cubic, NOWHERE};
 use super::marks::words;
-use super::space::{Grid, Point, grid};
+use crate::space::{Grid, Point, grid};
 
 /// Farther than anything.
 pub(super) const FAR: f32 = 3.0e38;

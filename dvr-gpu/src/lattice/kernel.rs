@@ -78,7 +78,7 @@ pub(super) fn bound(
             let mut length = 0.0f32;
             #[unroll]
             for axis in 0..3usize {
-                length += (directions[i * 3 + axis] * place.scale[axis]).abs();
+                length += (directions[i * 3 + axis] * place.scale.axis(axis)).abs();
             }
             most += steepest * length;
         }

@@ -1,18 +1,17 @@
-//! Where a point lies in a lattice, inside a kernel: the twin of `dvr_kernels::interpolate`.
+//! Where a point lies in a lattice, inside a kernel, with what differentiation asks of it: the twin of `dvr_kernels::interpolate`.
 
 #![allow(missing_docs)]
 
 use cubecl::prelude::*;
 
-/// A cell, and the position in it.
+use crate::space::{Cell, Point, corner_of, held};
+
+/// A cell and the position in it, and how that changes with the point.
 #[derive(CubeType)]
 pub(super) struct Place {
-    /// The cell's lowest node.
-    pub node: u32,
-    /// Position in the cell, each coordinate in `[0, 1]`.
-    pub at: Array<f32>,
+    cell: Cell,
     /// How the position changes with the point along each axis: cells a unit of length, 0 outside the cube.
-    pub scale: Array<f32>,
+    pub scale: Point,
 }
 
 /// The place of `points[index]`, `[n, 3]`, in a lattice of `nodes` an edge over `[-half_extent, half_extent]^3`.
@@ -27,47 +26,40 @@ pub(super) fn place_of(points: &[f32], index: usize, nodes: u32, half_extent: f3
     #[unroll]
     for axis in 0..3usize {
         let position = (points[index * 3 + axis] + half_extent) * per_cell;
-        // What is not a number lies, like what is far below, in the first cell.
-        let within = position >= 0.0f32 && position <= cells;
-        let held = select(within, position, select(position > cells, cells, 0.0f32));
-        let low = min(u32::cast_from(held), nodes - 2u32);
-        at[axis] = held - f32::cast_from(low);
-        scale[axis] = select(within, per_cell, 0.0f32);
+        let within = held(position, cells);
+        let low = min(u32::cast_from(within), nodes - 2u32);
+        at[axis] = within - f32::cast_from(low);
+        scale[axis] = select(position >= 0.0f32 && position <= cells, per_cell, 0.0f32);
         node += low * stride;
         stride *= nodes;
     }
-    Place { node, at, scale }
+    let cell = Cell { node, at: Point::new(at[0], at[1], at[2]) };
+    Place { cell, scale: Point::new(scale[0], scale[1], scale[2]) }
 }
 
 #[cube]
 impl Place {
     /// From the cell's lowest node to one of its corners, x fastest.
     pub fn corner(&self, #[comptime] corner: usize, nodes: u32) -> usize {
-        let (x, y, z) = comptime!((corner as u32 & 1, corner as u32 >> 1 & 1, corner as u32 >> 2));
-        (self.node + x + nodes * (y + nodes * z)) as usize
-    }
-
-    /// What a corner has of one axis: the position along it, or what is left of the cell.
-    fn share(&self, #[comptime] corner: usize, #[comptime] axis: usize) -> f32 {
-        if comptime!(corner >> axis & 1 == 1) { self.at[axis] } else { 1.0f32 - self.at[axis] }
+        corner_of(self.cell.node, corner, nodes)
     }
 
     /// What a corner adds to the value.
     pub fn weight(&self, #[comptime] corner: usize) -> f32 {
-        self.share(corner, 0usize) * (self.share(corner, 1usize) * self.share(corner, 2usize))
+        self.cell.weight(corner)
     }
 
     /// The derivative of a corner's weight by the point along an axis.
     pub fn slope(&self, #[comptime] corner: usize, #[comptime] axis: usize) -> f32 {
         let (second, third) = comptime!(((axis + 1) % 3, (axis + 2) % 3));
-        let across = self.share(corner, second) * self.share(corner, third) * self.scale[axis];
+        let across = self.cell.share(corner, second) * self.cell.share(corner, third) * self.scale.axis(axis);
         if comptime!(corner >> axis & 1 == 1) { across } else { -across }
     }
 
     /// The derivative of a corner's weight by the point along two axes. Twice along one axis it is zero.
     pub fn second(&self, #[comptime] corner: usize, #[comptime] one: usize, #[comptime] other: usize) -> f32 {
         let rest = comptime!(3 - one - other);
-        let across = self.share(corner, rest) * self.scale[one] * self.scale[other];
+        let across = self.cell.share(corner, rest) * self.scale.axis(one) * self.scale.axis(other);
         if comptime!((corner >> one & 1) == (corner >> other & 1)) { across } else { -across }
     }
 }

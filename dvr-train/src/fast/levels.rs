@@ -1,11 +1,8 @@
 //! Parameters on nested lattices, from coarse to fine, whose sum is one fine lattice.
 
 use dvr_kernels::adam::{self, AdamStep, Moments};
-use dvr_kernels::{ActiveNodes, Lattice, pyramid};
+use dvr_kernels::{ActiveNodes, Lattice, pyramid, rules};
 use rayon::prelude::*;
-
-/// Decay of Adam's means: the second is shorter than usual, since a run has hundreds of steps, not thousands.
-const BETAS: (f32, f32) = (0.9, 0.99);
 
 /// The parameters of one lattice.
 #[derive(Clone, Debug)]
@@ -150,8 +147,8 @@ impl<const C: usize> Levels<C> {
         }
         self.steps += 1;
         for (i, level) in self.levels.iter_mut().enumerate() {
-            let (beta1, beta2) = BETAS;
-            let settings = AdamStep { learning_rate: rates(i), beta1, beta2, epsilon: 1e-10, step: self.steps };
+            let (beta1, beta2, epsilon) = (rules::BETA1, rules::BETA2, rules::EPSILON);
+            let settings = AdamStep { learning_rate: rates(i), beta1, beta2, epsilon, step: self.steps };
             let Level { active, parameters, gradient, moments, .. } = level;
             adam::step(parameters, gradient, moments, active, C, &settings);
         }

@@ -1,18 +1,13 @@
 //! Small pieces of surface compared between photographs by their structure, whatever the exposure.
 
+use dvr_kernels::rules::{self, MAX_STRETCH, PATCH_NOISE};
 use glam::Vec3;
 
 use super::views::FastView;
 
-/// Samples along the side of a patch.
-const SIDE: usize = 3;
+/// Samples of a patch: along its side, and all.
+const SIDE: usize = rules::PATCH_SIDE;
 const SAMPLES: usize = SIDE * SIDE;
-
-/// Variance of brightness that noise alone may have: patches with less say nothing.
-const NOISE: f32 = 1e-4;
-
-/// How much nearer or farther than the middle a sample may lie, as a factor: planes seen edge-on reach too far.
-const MAX_STRETCH: f32 = 1.15;
 
 /// Brightnesses around a pixel, and the points of the surface's tangent plane that they are seen at.
 #[derive(Clone, Copy, Debug)]
@@ -77,10 +72,10 @@ impl Patch {
         // With centred values, derivatives need not be centred: their mean falls out of the sums.
         let mean =
             |a: &[f32; SAMPLES], b: &[f32; SAMPLES]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f32>() / SAMPLES as f32;
-        let scale = ((self.variance + NOISE) * (variance + NOISE)).sqrt();
+        let scale = ((self.variance + PATCH_NOISE) * (variance + PATCH_NOISE)).sqrt();
         let correlation = mean(&self.brightness, &seen) / scale;
         let derivative =
-            mean(&self.brightness, &moves) / scale - correlation * mean(&seen, &moves) / (variance + NOISE);
+            mean(&self.brightness, &moves) / scale - correlation * mean(&seen, &moves) / (variance + PATCH_NOISE);
         Some(Likeness { correlation, derivative })
     }
 }

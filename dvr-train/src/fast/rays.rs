@@ -1,6 +1,7 @@
 //! What one ray teaches: losses and their gradients by hand, at most one point of the field a ray.
 
 use dvr_core::View;
+use dvr_kernels::rules::{CLEARANCE, MIN_COSINE};
 use dvr_kernels::{Cell, Lattice, SignMap, Walk};
 use dvr_render::SlopeRule;
 use glam::Vec3;
@@ -58,12 +59,6 @@ pub(super) struct Scene<'a> {
     pub losses: &'a FastLosses,
     pub compared_views: usize,
 }
-
-/// Cosine between normal and line of sight below which another view is not asked.
-const MIN_COSINE: f32 = 0.15;
-
-/// Cells that a line of sight leaves the surface by before it is tested for occlusion.
-const CLEARANCE: f32 = 1.5;
 
 impl Scene<'_> {
     /// What a pixel's ray teaches; `seed` chooses the views it is compared with.

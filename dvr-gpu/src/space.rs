@@ -6,7 +6,7 @@ use cubecl::prelude::*;
 
 /// A point, a direction or a colour.
 #[derive(CubeType, Clone, Copy)]
-pub(super) struct Point {
+pub(crate) struct Point {
     pub x: f32,
     pub y: f32,
     pub z: f32,
@@ -44,6 +44,17 @@ impl Point {
         self.plus(&direction.times(depth))
     }
 
+    /// One of the coordinates.
+    pub fn axis(&self, #[comptime] axis: usize) -> f32 {
+        if comptime!(axis == 0) {
+            self.x
+        } else if comptime!(axis == 1) {
+            self.y
+        } else {
+            self.z
+        }
+    }
+
     pub fn dot(&self, other: &Point) -> f32 {
         self.x * other.x + self.y * other.y + self.z * other.z
     }
@@ -73,13 +84,26 @@ fn sign(number: f32) -> f32 {
 }
 
 #[cube]
-pub(super) fn lerp(a: f32, b: f32, t: f32) -> f32 {
+pub(crate) fn lerp(a: f32, b: f32, t: f32) -> f32 {
     a + (b - a) * t
+}
+
+/// A position in cells, held in a lattice of so many. What is not a number lies, like what is far below, in the first cell.
+#[cube]
+pub(crate) fn held(position: f32, cells: f32) -> f32 {
+    select(position >= 0.0f32 && position <= cells, position, select(position > cells, cells, 0.0f32))
+}
+
+/// From a cell's lowest node to one of its corners, x fastest, in a lattice of so many nodes an edge.
+#[cube]
+pub(crate) fn corner_of(node: u32, #[comptime] corner: usize, nodes: u32) -> usize {
+    let (x, y, z) = comptime!((corner as u32 & 1, corner as u32 >> 1 & 1, corner as u32 >> 2));
+    (node + x + nodes * (y + nodes * z)) as usize
 }
 
 /// A lattice over `[-half_extent, half_extent]^3`.
 #[derive(CubeType, Clone, Copy)]
-pub(super) struct Grid {
+pub(crate) struct Grid {
     /// Nodes along an edge.
     pub nodes: u32,
     pub half_extent: f32,
@@ -89,7 +113,7 @@ pub(super) struct Grid {
 
 /// A cell, and a position in it.
 #[derive(CubeType, Clone, Copy)]
-pub(super) struct Cell {
+pub(crate) struct Cell {
     /// Its lowest node.
     pub node: u32,
     /// Each coordinate in `[0, 1]`.
@@ -98,13 +122,13 @@ pub(super) struct Cell {
 
 /// An interpolated value and its gradient in space.
 #[derive(CubeType, Clone, Copy)]
-pub(super) struct Slope {
+pub(crate) struct Slope {
     pub value: f32,
     pub gradient: Point,
 }
 
 #[cube]
-pub(super) fn grid(nodes: u32, half_extent: f32) -> Grid {
+pub(crate) fn grid(nodes: u32, half_extent: f32) -> Grid {
     Grid { nodes, half_extent, spacing: 2.0f32 * half_extent / f32::cast_from(nodes - 1u32) }
 }
 
@@ -119,9 +143,9 @@ impl Grid {
     pub fn locate(&self, point: &Point) -> Cell {
         let cells = self.nodes - 1u32;
         let most = f32::cast_from(cells);
-        let x = self.in_cells(point.x).max(0.0f32).min(most);
-        let y = self.in_cells(point.y).max(0.0f32).min(most);
-        let z = self.in_cells(point.z).max(0.0f32).min(most);
+        let x = held(self.in_cells(point.x), most);
+        let y = held(self.in_cells(point.y), most);
+        let z = held(self.in_cells(point.z), most);
         let low_x = min(u32::cast_from(x), cells - 1u32);
         let low_y = min(u32::cast_from(y), cells - 1u32);
         let low_z = min(u32::cast_from(z), cells - 1u32);
@@ -131,8 +155,7 @@ impl Grid {
 
     /// A corner of a cell, x fastest.
     pub fn corner(&self, node: u32, #[comptime] corner: usize) -> usize {
-        let (x, y, z) = comptime!((corner as u32 & 1, corner as u32 >> 1 & 1, corner as u32 >> 2));
-        (node + x + self.nodes * (y + self.nodes * z)) as usize
+        corner_of(node, corner, self.nodes)
     }
 
     /// The interpolated value at a point, and its gradient.
@@ -160,14 +183,8 @@ impl Grid {
 #[cube]
 impl Cell {
     /// What a corner has of an axis: the position along it, or what is left of the cell.
-    fn share(&self, #[comptime] corner: usize, #[comptime] axis: usize) -> f32 {
-        let at = if comptime!(axis == 0) {
-            self.at.x
-        } else if comptime!(axis == 1) {
-            self.at.y
-        } else {
-            self.at.z
-        };
+    pub fn share(&self, #[comptime] corner: usize, #[comptime] axis: usize) -> f32 {
+        let at = self.at.axis(axis);
         if comptime!(corner >> axis & 1 == 1) { at } else { 1.0f32 - at }
     }
 
