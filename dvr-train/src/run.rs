@@ -1,5 +1,6 @@
 //! A training run from start to end: folder, checkpoints, validation, and what is written when it is over.
 
+use std::cell::Cell;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -157,6 +158,13 @@ pub trait Observer {
     fn note(&mut self, line: &str);
 }
 
+/// Nobody listens.
+impl Observer for () {
+    fn phase(&mut self, _: &str, _: usize) {}
+    fn progress(&mut self, _: usize, _: &str) {}
+    fn note(&mut self, _: &str) {}
+}
+
 /// How a run is carried out, besides its configuration.
 pub struct RunOptions<'a> {
     /// The folder.
@@ -311,8 +319,9 @@ pub(crate) fn carry_out(
 ) -> Result<Trained> {
     let before = resume_from.map_or(0.0, |checkpoint| checkpoint.header.seconds);
     let mut course = options.truth.map(|truth| ShapeCourse::new(truth, options.device.clone()));
-    let mut measuring = [0.0; 2];
-    let elapsed = |measuring: [f64; 2]| before + start.elapsed().as_secs_f64() - measuring[0];
+    // What comparing the shape with the truth has taken, wall and CPU: the clock stands still meanwhile.
+    let measuring = Cell::new([0.0; 2]);
+    let elapsed = || before + start.elapsed().as_secs_f64() - measuring.get()[0];
     let mut log = MetricsLog::default();
     let mut best = None;
     let mut notes: Vec<String> = options.refined.iter().map(RefinedCameras::note).collect();
@@ -322,8 +331,8 @@ pub(crate) fn carry_out(
         best = checkpoint.header.best;
         notes.clone_from(&checkpoint.header.notes);
     }
-    let checkpoint = |learner: &dyn Learner, best, notes: &[String], measuring| -> Result<Checkpoint> {
-        let header = header(learner.steps_done(), best, elapsed(measuring));
+    let checkpoint = |learner: &dyn Learner, best, notes: &[String]| -> Result<Checkpoint> {
+        let header = header(learner.steps_done(), best, elapsed());
         Ok(Checkpoint { header: CheckpointHeader { notes: notes.to_vec(), ..header }, state: learner.state()? })
     };
 
@@ -338,7 +347,7 @@ pub(crate) fn carry_out(
         notes.extend(said);
         stop = match () {
             () if options.interrupted.load(Ordering::Relaxed) => Stop::Interrupted,
-            () if options.time_limit.is_some_and(|limit| elapsed(measuring) >= limit.as_secs_f64()) => Stop::TimeLimit,
+            () if options.time_limit.is_some_and(|limit| elapsed() >= limit.as_secs_f64()) => Stop::TimeLimit,
             () => Stop::Done,
         };
         let ending = step >= learner.total_steps() || stop != Stop::Done;
@@ -347,11 +356,11 @@ pub(crate) fn carry_out(
             validation = learner.validate(VALIDATION_PIXELS);
         }
         if step % LOG_EVERY == 0 || validate_now {
-            let spent = [elapsed(measuring), Resources::now().cpu_seconds - measuring[1]];
+            let spent = [elapsed(), Resources::now().cpu_seconds - measuring.get()[1]];
             let mut chamfer = None;
             if let (true, Some(course)) = (validate_now, &mut course) {
-                chamfer = Some(course.chamfer_l1(&checkpoint(learner, best, &notes, measuring)?)?);
-                measuring = course.spent();
+                chamfer = Some(course.chamfer_l1(&checkpoint(learner, best, &notes)?)?);
+                measuring.set(course.spent());
             }
             log.push(&report, spent, validation.as_ref().filter(|_| validate_now), chamfer);
         }
@@ -361,10 +370,10 @@ pub(crate) fn carry_out(
             && best.is_none_or(|best| figure(&found) > figure(&best))
         {
             best = Some(found);
-            checkpoint(learner, best, &notes, measuring)?.save(&options.folder.best())?;
+            checkpoint(learner, best, &notes)?.save(&options.folder.best())?;
         }
         if ending || step % pace.checkpoint_every == 0 {
-            checkpoint(learner, best, &notes, measuring)?.save(&options.folder.last())?;
+            checkpoint(learner, best, &notes)?.save(&options.folder.last())?;
             log.save(&options.folder.metrics_csv())?;
         }
         let held = validation.map_or(String::new(), |v| format!("  held-out {:.2} dB, IoU {:.3}", v.psnr, v.mask_iou));
@@ -375,17 +384,17 @@ pub(crate) fn carry_out(
         if step % READ_EVERY == 0
             && let Some((bytes, allowed)) = memory_excess(&options.device)
         {
-            checkpoint(learner, best, &notes, measuring)?.save(&options.folder.last())?;
+            checkpoint(learner, best, &notes)?.save(&options.folder.last())?;
             log.save(&options.folder.metrics_csv())?;
             return Err(too_much_memory(step, bytes, allowed));
         }
     }
     let steps = learner.steps_done();
-    let seconds = elapsed(measuring);
+    let seconds = elapsed();
     if steps == 0 {
-        checkpoint(learner, best, &notes, measuring)?.save(&options.folder.last())?;
+        checkpoint(learner, best, &notes)?.save(&options.folder.last())?;
     }
     let checkpoint =
         if stop == Stop::Interrupted { Checkpoint::load(&options.folder.last())? } else { options.folder.load()? };
-    Ok(Trained { checkpoint, stop, steps, seconds, measuring_seconds: measuring, validation })
+    Ok(Trained { checkpoint, stop, steps, seconds, measuring_seconds: measuring.get(), validation })
 }
