@@ -3,7 +3,7 @@
 use glam::{DMat3, DQuat, DVec3};
 use nalgebra::{Matrix3, Vector3};
 
-use crate::camera::Similarity;
+use crate::camera::{Camera, Similarity};
 
 impl Similarity {
     /// The similarity that takes each point of `from` as near as possible to the one at the same place in `to`, in the sense of
@@ -42,6 +42,25 @@ impl Similarity {
     }
 }
 
+impl Similarity {
+    /// The similarity that takes cameras of one space as near as possible to the same cameras in another: where they stand, and points that
+    /// they look at, as far away as the origin. What photographs cannot tell of where their cameras are.
+    ///
+    /// `None` where the cameras do not determine one.
+    pub fn between_cameras<'a>(
+        from: impl IntoIterator<Item = &'a Camera>,
+        to: impl IntoIterator<Item = &'a Camera>,
+    ) -> Option<Self> {
+        let anchors = |camera: &Camera| {
+            let center = camera.center();
+            [center, center + center.length() * camera.forward()]
+        };
+        let from: Vec<DVec3> = from.into_iter().flat_map(anchors).collect();
+        let to: Vec<DVec3> = to.into_iter().flat_map(anchors).collect();
+        Self::between(&from, &to)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -67,6 +86,17 @@ mod tests {
         let mirrored: Vec<DVec3> = flat.iter().map(|p| DVec3::new(p.x, -p.y, 0.0)).collect();
         let found = Similarity::between(&flat, &mirrored).unwrap();
         assert!(flat.iter().zip(&mirrored).all(|(a, b)| (found.transform_point(*a) - *b).length() < 1e-9));
+    }
+
+    #[test]
+    fn cameras_in_another_space_lead_back_to_it() {
+        let eyes = [DVec3::new(2.0, 0.3, -0.4), DVec3::new(-1.0, 1.5, 0.9), DVec3::new(0.1, -0.7, 2.0)];
+        let cameras = eyes.map(|eye| Camera::look_at(40, 30, 35.0, eye, DVec3::ZERO, DVec3::Y));
+        // Without a shift: what cameras look at is measured from the origin.
+        let space = Similarity { scale: 1.3, rotation: DQuat::from_rotation_x(0.2), translation: DVec3::ZERO };
+        let moved = cameras.clone().map(|camera| camera.into_world(&space));
+        let found = Similarity::between_cameras(&cameras, &moved).unwrap();
+        assert!((found.scale - 1.3).abs() < 1e-9 && found.translation.length() < 1e-9, "{found:?}");
     }
 
     #[test]

@@ -34,7 +34,7 @@ mod verdict;
 pub use axis::{Axis, Case, Group, Kind};
 pub use catalogue::axes;
 pub use cell::{BreakPoint, Cell, break_point};
-pub use faults::Faults;
+pub use faults::{Faults, displace_camera};
 pub use gradients::GradientTest;
 pub use scene::{true_cameras, write_scene};
 pub use verdict::{Figures, Verdict, judge, measure};

@@ -12,11 +12,11 @@ use dvr_core::dataset::{ReadOptions, read_scene};
 use dvr_core::metrics::alignment::align_to_surface;
 use dvr_core::metrics::shape::score_surface;
 use dvr_core::sampling::sample_surface;
-use dvr_core::{Camera, PointCloud, Scene};
+use dvr_core::{PointCloud, Scene, Similarity};
 use dvr_render::extract::{ExtractSettings, extract_mesh};
-use dvr_train::{FastConfig, FastTrainer, Learner, Observer, ViewSplit, refine_cameras};
-use glam::{DMat3, DVec3};
-use rand::{Rng, SeedableRng};
+use dvr_stress::displace_camera;
+use dvr_train::{FastConfig, FastTrainer, Learner, ViewSplit, refine_cameras};
+use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 /// Errors of each camera: degrees, and shares of its distance.
@@ -50,12 +50,12 @@ fn main() {
 fn compare(scene: &Scene, seed: u64, exact: f64, degrees: f64, share: f64) {
     let mut wrong = scene.clone();
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    wrong.views.iter_mut().for_each(|view| disturb(&mut view.camera, degrees, share, &mut rng));
+    wrong.views.iter_mut().for_each(|view| displace_camera(&mut view.camera, degrees, share, &mut rng));
     let lost = chamfer(&wrong, seed);
     let off = distance(scene, &wrong);
     let start = Instant::now();
     let config = FastConfig { seed, ..FastConfig::default() };
-    let refined = refine_cameras(&mut wrong, &config, ROUNDS, &AtomicBool::new(false), &mut Silent);
+    let refined = refine_cameras(&mut wrong, &config, ROUNDS, &AtomicBool::new(false), &mut ());
     let rounds = refined.expect("the views can be trained on").expect("nobody interrupts").rounds;
     let seconds = start.elapsed().as_secs_f64();
     let found = chamfer(&wrong, seed);
@@ -69,27 +69,11 @@ fn compare(scene: &Scene, seed: u64, exact: f64, degrees: f64, share: f64) {
     );
 }
 
-/// Turns a camera on the spot and moves it, each about or along a direction of its own.
-fn disturb(camera: &mut Camera, degrees: f64, share: f64, rng: &mut ChaCha8Rng) {
-    let mut direction = || {
-        let z: f64 = rng.random_range(-1.0..1.0);
-        let (sin, cos) = rng.random_range(0.0..std::f64::consts::TAU).sin_cos();
-        DVec3::new((1.0 - z * z).sqrt() * cos, (1.0 - z * z).sqrt() * sin, z)
-    };
-    let center = camera.center() + share * camera.center().length() * direction();
-    camera.rotation = DMat3::from_axis_angle(direction(), degrees.to_radians()) * camera.rotation;
-    camera.translation = -(camera.rotation * center);
-}
-
 /// Root mean square of how far the true surface's points are apart in the pictures of two scenes, after the second is brought to where
 /// its cameras are nearest to the first's.
 fn distance(exact: &Scene, other: &Scene) -> f64 {
-    let anchors = |scene: &Scene| -> Vec<DVec3> {
-        let anchors =
-            |camera: &Camera| [camera.center(), camera.center() + camera.center().length() * camera.forward()];
-        scene.views.iter().flat_map(|view| anchors(&view.camera)).collect()
-    };
-    let gauge = dvr_core::Similarity::between(&anchors(other), &anchors(exact)).unwrap_or_default();
+    let cameras = |scene: &'_ Scene| scene.views.iter().map(|view| view.camera.clone()).collect::<Vec<_>>();
+    let gauge = Similarity::between_cameras(&cameras(other), &cameras(exact)).unwrap_or_default();
     let points = &exact.ground_truth.surface.as_ref().expect("the true surface is known").points;
     let (mut sum, mut count) = (0.0, 0.0);
     for (a, b) in exact.views.iter().zip(&other.views) {
@@ -118,13 +102,4 @@ fn chamfer(scene: &Scene, seed: u64) -> f64 {
     let alignment = align_to_surface(&found, truth).expect("both surfaces have points");
     found.points.iter_mut().for_each(|point| *point = alignment.transform_point_f32(*point));
     score_surface(&found, truth, &[]).expect("both surfaces have points").chamfer_l1
-}
-
-/// Hears nothing.
-struct Silent;
-
-impl Observer for Silent {
-    fn phase(&mut self, _: &str, _: usize) {}
-    fn progress(&mut self, _: usize, _: &str) {}
-    fn note(&mut self, _: &str) {}
 }

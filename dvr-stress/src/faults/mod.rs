@@ -67,6 +67,13 @@ impl Faults {
     }
 }
 
+/// Moves a camera by a share of its distance from the origin, then turns it on the spot by so many degrees, each in or about a random
+/// direction.
+pub fn displace_camera(camera: &mut Camera, degrees: f64, share: f64, rng: &mut ChaCha8Rng) {
+    cameras::shift(camera, share, rng);
+    cameras::turn(camera, degrees, rng);
+}
+
 /// Evenly spread views among those that are trained on.
 pub(crate) fn wrong_views(views: usize, wrong: usize) -> Vec<usize> {
     let (every, held) = HELD_OUT;

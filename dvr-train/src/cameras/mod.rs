@@ -13,7 +13,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use dvr_core::{Camera, Scene, Similarity};
 use dvr_model::LatticeField;
-use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::error::Result;
@@ -124,7 +123,13 @@ pub fn refine_cameras(
                 align(&view.camera, given, marks, &photo, &field, cell)
             })
             .collect();
-        let gauge = gauge(&aligned, &given, &teaching);
+        // Where the whole stands, how it is turned and how large it is stays as given; where that is not determined, all stays.
+        let teachers = |i: &usize| teaching[*i];
+        let gauge = Similarity::between_cameras(
+            (0..aligned.len()).filter(teachers).map(|i| &aligned[i].camera),
+            (0..given.len()).filter(teachers).map(|i| &given[i]),
+        )
+        .unwrap_or_default();
         let cameras: Vec<Camera> = aligned.iter().map(|aligned| aligned.camera.into_world(&gauge)).collect();
         let before: Vec<Camera> = scene.views.iter().map(|view| view.camera.clone()).collect();
         let step = displacement(&before, &cameras, &aligned, &gauge);
@@ -187,16 +192,6 @@ fn coarse(scene: &Scene, config: &FastConfig, cells: usize, interrupted: &Atomic
 /// Pixels of an object unit at the object's distance.
 fn magnification(camera: &Camera) -> f64 {
     camera.intrinsics.x_axis.x / camera.center().length().max(0.1)
-}
-
-/// Takes the space in which the moved cameras live to where they are nearest to the given ones: where they stand, and what they look
-/// at. The identity where that is not determined.
-fn gauge(aligned: &[Aligned], given: &[Camera], teaching: &[bool]) -> Similarity {
-    let anchors = |camera: &Camera| [camera.center(), camera.center() + camera.center().length() * camera.forward()];
-    let chosen = || aligned.iter().zip(given).zip(teaching).filter(|(_, teaching)| **teaching);
-    let from: Vec<DVec3> = chosen().flat_map(|((aligned, _), _)| anchors(&aligned.camera)).collect();
-    let to: Vec<DVec3> = chosen().flat_map(|((_, given), _)| anchors(given)).collect();
-    Similarity::between(&from, &to).unwrap_or_default()
 }
 
 /// Root mean square of how far the surface points that each view sees move in its picture as its camera changes, in pixels.
