@@ -11,7 +11,11 @@ use std::path::PathBuf;
 
 use burn::module::{Module, ModuleMapper, Param};
 use burn::tensor::{DType, Device, FloatDType, Tensor, TensorData};
+use dvr_core::Scene;
+use dvr_core::dataset::{ReadOptions, read_scene};
+use dvr_core::mesh::{Mesh, TexturedMesh};
 use dvr_core::npz::NpzFile;
+use dvr_core::synth::{SynthConfig, render_dataset};
 use dvr_model::{Decoder, DecoderConfig};
 
 pub use pytorch_file::{Entry, write_pytorch};
@@ -133,6 +137,23 @@ pub fn double_precision_devices() -> Vec<(&'static str, Device)> {
         }
     });
     devices()
+}
+
+/// A scene of an object, rendered from so many sides at so many pixels, as it is read from the disk.
+pub fn rendered_scene(mesh: Mesh, views: usize, pixels: u32) -> Scene {
+    let folder = tempfile::tempdir().expect("there is room for temporary files");
+    let object = TexturedMesh { mesh, ..TexturedMesh::default() };
+    let config = SynthConfig {
+        views,
+        width: pixels,
+        height: pixels,
+        surface_points: 100,
+        occupancy_points: 100,
+        ..SynthConfig::default()
+    };
+    render_dataset(&object, "object", "objects", folder.path(), &config, &|_, _| ())
+        .expect("the object can be rendered");
+    read_scene(&folder.path().join("objects/object"), &ReadOptions::default()).expect("what was written can be read")
 }
 
 /// The graphics processor that the suites run on, or `None` (with a line of output) where no driver offers one. A software

@@ -2,21 +2,11 @@
 
 use std::sync::atomic::AtomicBool;
 
-use dvr_core::dataset::{ReadOptions, read_scene};
-use dvr_core::mesh::{TexturedMesh, shapes};
-use dvr_core::synth::{SynthConfig, render_dataset};
-use dvr_core::{Camera, Scene, Similarity};
-use dvr_train::{FastConfig, Observer, refine_cameras};
+use dvr_core::mesh::shapes;
+use dvr_core::{Scene, Similarity};
+use dvr_tests::rendered_scene;
+use dvr_train::{FastConfig, refine_cameras};
 use glam::{DMat3, DVec3};
-
-/// Hears nothing.
-struct Silent;
-
-impl Observer for Silent {
-    fn phase(&mut self, _: &str, _: usize) {}
-    fn progress(&mut self, _: usize, _: &str) {}
-    fn note(&mut self, _: &str) {}
-}
 
 /// A turned cuboid with a bump, from sixteen sides.
 fn scene() -> Scene {
@@ -27,18 +17,7 @@ fn scene() -> Scene {
     let colors = |vertex: &glam::Vec3| [vertex.x + 0.5, vertex.y + 0.5, vertex.z + 0.5];
     let mesh =
         dvr_core::mesh::Mesh { colors: Some(box_and_bump.vertices.iter().map(colors).collect()), ..box_and_bump };
-    let config = SynthConfig {
-        views: 16,
-        width: 48,
-        height: 48,
-        surface_points: 100,
-        occupancy_points: 100,
-        ..SynthConfig::default()
-    };
-    let folder = tempfile::tempdir().unwrap();
-    let object = TexturedMesh { mesh, ..TexturedMesh::default() };
-    render_dataset(&object, "box", "boxes", folder.path(), &config, &|_, _| ()).unwrap();
-    read_scene(&folder.path().join("boxes/box"), &ReadOptions::default()).unwrap()
+    rendered_scene(mesh, 16, 48)
 }
 
 /// Turns each camera on the spot by a degree about an axis of its own.
@@ -57,11 +36,8 @@ fn disturbed(scene: &Scene) -> Scene {
 /// Pixels between the pictures of the cube's corners, pulled in, in two scenes; the second is first brought to where its cameras are
 /// nearest to the first's.
 fn distance(exact: &Scene, other: &Scene) -> f64 {
-    let anchors = |scene: &Scene| -> Vec<DVec3> {
-        let anchors = |c: &Camera| [c.center(), c.center() + c.center().length() * c.forward()];
-        scene.views.iter().flat_map(|view| anchors(&view.camera)).collect()
-    };
-    let gauge = Similarity::between(&anchors(other), &anchors(exact)).unwrap();
+    let cameras = |scene: &Scene| scene.views.iter().map(|view| view.camera.clone()).collect::<Vec<_>>();
+    let gauge = Similarity::between_cameras(&cameras(other), &cameras(exact)).unwrap();
     let corners = (0..8).map(|i| 0.25 * DVec3::new([-1.0, 1.0][i & 1], [-1.0, 1.0][i >> 1 & 1], [-1.0, 1.0][i >> 2]));
     let corners: Vec<DVec3> = corners.collect();
     let views = || exact.views.iter().zip(&other.views);
@@ -76,7 +52,7 @@ fn distance(exact: &Scene, other: &Scene) -> f64 {
 fn cameras_that_are_off_come_back_and_right_ones_stay() {
     let exact = scene();
     let config = FastConfig { rays: 512, ..FastConfig::default() };
-    let refine = |scene: &mut Scene| refine_cameras(scene, &config, 5, &AtomicBool::new(false), &mut Silent).unwrap();
+    let refine = |scene: &mut Scene| refine_cameras(scene, &config, 5, &AtomicBool::new(false), &mut ()).unwrap();
 
     let mut wrong = disturbed(&exact);
     let before = distance(&exact, &wrong);
@@ -97,7 +73,7 @@ fn cameras_that_are_off_come_back_and_right_ones_stay() {
 fn an_interruption_leaves_the_cameras_as_they_were() {
     let exact = scene();
     let mut scene = exact.clone();
-    let refined = refine_cameras(&mut scene, &FastConfig::default(), 6, &AtomicBool::new(true), &mut Silent).unwrap();
+    let refined = refine_cameras(&mut scene, &FastConfig::default(), 6, &AtomicBool::new(true), &mut ()).unwrap();
     assert!(refined.is_none());
     assert!(exact.views.iter().zip(&scene.views).all(|(a, b)| a.camera == b.camera));
 }

@@ -3,19 +3,9 @@
 use std::sync::atomic::AtomicBool;
 
 use burn::tensor::Tensor;
-use dvr_core::dataset::{ReadOptions, read_scene};
-use dvr_core::mesh::{TexturedMesh, shapes};
-use dvr_core::synth::{SynthConfig, render_dataset};
-use dvr_tests::graphics_processor;
-use dvr_train::{Checkpoint, Error, Method, Observer, RunFolder, RunOptions, Supervision, TrainConfig, train};
-
-struct Silent;
-
-impl Observer for Silent {
-    fn phase(&mut self, _: &str, _: usize) {}
-    fn progress(&mut self, _: usize, _: &str) {}
-    fn note(&mut self, _: &str) {}
-}
+use dvr_core::mesh::shapes;
+use dvr_tests::{graphics_processor, rendered_scene};
+use dvr_train::{Checkpoint, Error, Method, RunFolder, RunOptions, Supervision, TrainConfig, train};
 
 // One test, because the limit holds for the whole process.
 #[test]
@@ -35,17 +25,7 @@ fn a_run_that_holds_more_memory_than_it_may_is_saved_and_ends() {
     drop(tensor);
 
     let folder = tempfile::tempdir().unwrap();
-    let ball = TexturedMesh { mesh: shapes::icosphere(2, 1.0), ..TexturedMesh::default() };
-    let synth = SynthConfig {
-        views: 8,
-        width: 16,
-        height: 16,
-        surface_points: 100,
-        occupancy_points: 100,
-        ..SynthConfig::default()
-    };
-    render_dataset(&ball, "ball", "balls", folder.path(), &synth, &|_, _| ()).unwrap();
-    let scene = read_scene(&folder.path().join("balls/ball"), &ReadOptions::default()).unwrap();
+    let scene = rendered_scene(shapes::icosphere(2, 1.0), 8, 16);
     let mut config = TrainConfig { rays: 32, steps: 40, hold_out_every: 0, ..TrainConfig::new(Supervision::Rgb) };
     (config.model.hidden, config.model.blocks, config.model.octaves) = (16, 1, 0);
     (config.hull.warm_start_steps, config.losses.normal) = (0, 0.0);
@@ -61,7 +41,7 @@ fn a_run_that_holds_more_memory_than_it_may_is_saved_and_ends() {
         interrupted: &AtomicBool::new(false),
     };
     dvr_gpu::limit_memory(10_000);
-    let problem = match train(&scene, Method::Network(config), None, &options, &mut Silent) {
+    let problem = match train(&scene, Method::Network(config), None, &options, &mut ()) {
         Err(problem @ Error::Memory { .. }) => problem.to_string(),
         other => panic!("{:?}", other.map(|trained| trained.steps)),
     };

@@ -9,9 +9,7 @@ use burn::module::{Module, ModuleVisitor, Param};
 use burn::nn::Linear;
 use burn::optim::GradientsParams;
 use burn::tensor::{Device, Int, Tensor};
-use dvr_core::dataset::{ReadOptions, read_scene};
-use dvr_core::mesh::{TexturedMesh, shapes};
-use dvr_core::synth::{SynthConfig, render_dataset};
+use dvr_core::mesh::shapes;
 use dvr_core::{Camera, Ray, Scene, UnitCube};
 use dvr_model::{Conditioned, Decoder, DecoderConfig};
 use dvr_render::extract::FieldSurface;
@@ -19,7 +17,9 @@ use dvr_render::{
     Fate, Field, FieldShader, March, MarchSettings, Marcher, Query, Rays, RenderSettings, RootMethod, Shader,
     SlopeRule, Surface, TensorMarcher,
 };
-use dvr_tests::{graphics_processor, lattice_suite, max_difference, numbers, relative_difference, tensor1, tensor3};
+use dvr_tests::{
+    graphics_processor, lattice_suite, max_difference, numbers, relative_difference, rendered_scene, tensor1, tensor3,
+};
 use dvr_train::{StepReport, Supervision, TrainConfig, Trainer, ViewSplit, carve_hull, hull_bound, warm_start};
 use glam::DVec3;
 use rand::{Rng, SeedableRng};
@@ -28,20 +28,7 @@ use rand_chacha::ChaCha8Rng;
 /// A ball, seen from ten sides.
 fn ball() -> &'static Scene {
     static BALL: OnceLock<Scene> = OnceLock::new();
-    BALL.get_or_init(|| {
-        let folder = tempfile::tempdir().unwrap();
-        let ball = TexturedMesh { mesh: shapes::icosphere(2, 1.0), ..TexturedMesh::default() };
-        let synth = SynthConfig {
-            views: 10,
-            width: 24,
-            height: 24,
-            surface_points: 100,
-            occupancy_points: 100,
-            ..SynthConfig::default()
-        };
-        render_dataset(&ball, "ball", "balls", folder.path(), &synth, &|_, _| ()).unwrap();
-        read_scene(&folder.path().join("balls/ball"), &ReadOptions::default()).unwrap()
-    })
+    BALL.get_or_init(|| rendered_scene(shapes::icosphere(2, 1.0), 10, 24))
 }
 
 fn config(model: DecoderConfig, seed: u64) -> TrainConfig {

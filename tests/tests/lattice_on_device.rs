@@ -6,29 +6,14 @@ use std::sync::OnceLock;
 
 use burn::tensor::Device;
 use dvr_core::Scene;
-use dvr_core::dataset::{ReadOptions, read_scene};
-use dvr_core::mesh::{TexturedMesh, shapes};
-use dvr_core::synth::{SynthConfig, render_dataset};
-use dvr_tests::graphics_processor;
+use dvr_core::mesh::shapes;
+use dvr_tests::{graphics_processor, rendered_scene};
 use dvr_train::{Capacity, FastConfig, FastTrainer, Learner, LearnerState, ViewSplit};
 
 /// A ring, seen from twelve sides.
 fn ring() -> &'static Scene {
     static RING: OnceLock<Scene> = OnceLock::new();
-    RING.get_or_init(|| {
-        let folder = tempfile::tempdir().unwrap();
-        let ring = TexturedMesh { mesh: shapes::torus(1.0, 0.45, 32, 16), ..TexturedMesh::default() };
-        let synth = SynthConfig {
-            views: 12,
-            width: 32,
-            height: 32,
-            surface_points: 100,
-            occupancy_points: 100,
-            ..SynthConfig::default()
-        };
-        render_dataset(&ring, "ring", "rings", folder.path(), &synth, &|_, _| ()).unwrap();
-        read_scene(&folder.path().join("rings/ring"), &ReadOptions::default()).unwrap()
-    })
+    RING.get_or_init(|| rendered_scene(shapes::torus(1.0, 0.45, 32, 16), 12, 32))
 }
 
 /// A stage of 16 cells, taught as a whole, and one of 32, taught near the surface.

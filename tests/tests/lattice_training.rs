@@ -1,29 +1,16 @@
 //! The lattice decoder learns from pictures through the public API.
 
 use burn::tensor::Device;
-use dvr_core::dataset::{ReadOptions, read_scene};
-use dvr_core::mesh::{TexturedMesh, shapes};
-use dvr_core::synth::{SynthConfig, render_dataset};
+use dvr_core::mesh::shapes;
 use dvr_model::LatticeDecoderConfig;
+use dvr_tests::rendered_scene;
 use dvr_train::{StepReport, Supervision, TrainConfig, Trainer, ViewSplit};
 
 const STEPS: usize = 120;
 
 #[test]
 fn a_lattice_that_starts_as_a_large_grey_ball_learns_a_small_one() {
-    let folder = tempfile::tempdir().unwrap();
-    let ball = TexturedMesh { mesh: shapes::icosphere(2, 1.0), ..TexturedMesh::default() };
-    let synth = SynthConfig {
-        views: 10,
-        width: 24,
-        height: 24,
-        surface_points: 100,
-        occupancy_points: 100,
-        ..SynthConfig::default()
-    };
-    render_dataset(&ball, "ball", "balls", folder.path(), &synth, &|_, _| ()).unwrap();
-    let scene = read_scene(&folder.path().join("balls/ball"), &ReadOptions::default()).unwrap();
-
+    let scene = rendered_scene(shapes::icosphere(2, 1.0), 10, 24);
     let device = Device::flex();
     let config = TrainConfig { rays: 256, steps: STEPS, learning_rate: 0.1, ..TrainConfig::new(Supervision::Rgb) };
     let views = ViewSplit::new(&scene, config.hold_out_every).unwrap();
