@@ -49,8 +49,8 @@ impl Backend {
         }
     }
 
-    /// The device on which a method is to train. The visual hull has no steps to train, and a second CPU backend is nothing to fields
-    /// on lattices: where something else was asked for, that is said.
+    /// The device on which a method is to train. The visual hull has no steps to train, and a second CPU backend is
+    /// nothing to fields on lattices: where something else was asked for, that is said.
     ///
     /// # Errors
     /// As [`Backend::device`].
@@ -66,8 +66,8 @@ impl Backend {
         }
     }
 
-    /// The device for what a method has trained. Meshes and pictures of fields on lattices are made on the CPU, in a fraction of the
-    /// time that it takes to open another device; where something else was asked for, that is said.
+    /// The device for what a method has trained. Meshes and pictures of fields on lattices are made on the CPU, in a
+    /// fraction of the time that it takes to open another device; where something else was asked for, that is said.
     ///
     /// # Errors
     /// As [`Backend::device`].

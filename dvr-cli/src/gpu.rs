@@ -60,8 +60,8 @@ pub fn describe(adapter: &Adapter) -> String {
     )
 }
 
-/// From here on, a panic is kept for [`guarded`] instead of being printed with its trace: a device that is lost or full tells so by
-/// a panic wherever its numbers are read next.
+/// From here on, a panic is kept for [`guarded`] instead of being printed with its trace: a device that is lost or full
+/// tells so by a panic wherever its numbers are read next.
 fn keep_panics(device: String) {
     *OPEN.lock().unwrap_or_else(PoisonError::into_inner) = Some(device);
     set_hook(Box::new(|panic| {

@@ -1,4 +1,5 @@
-//! A dataset of many objects from meshes to tables, on two categories of five small objects that the test renders itself.
+//! A dataset of many objects from meshes to tables, on two categories of five small objects that the test renders
+//! itself.
 
 mod support;
 

@@ -1,7 +1,7 @@
 //! Euclidean distances to the outline of a mask.
 //!
-//! The lower envelope of parabolas of Felzenszwalb and Huttenlocher (2012), exact and linear in the pixels. Written here:
-//! the crate that holds it (`imageproc`) brings a linear algebra library and a font renderer along.
+//! The lower envelope of parabolas of Felzenszwalb and Huttenlocher (2012), exact and linear in the pixels. Written
+//! here: the crate that holds it (`imageproc`) brings a linear algebra library and a font renderer along.
 
 /// Signed distance of each cell's centre to the outline of `inside` (row by row, `width` wide), in cells: positive
 /// inside. The outline lies half way between neighbouring centres of different kind; without any outline the distances

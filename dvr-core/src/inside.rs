@@ -208,7 +208,8 @@ impl Node {
         node
     }
 
-    /// The solid angle of the group from afar: the integral of `n . x / |x|^3` with `x = r + d`, to second order in `d`.
+    /// The solid angle of the group from afar: the integral of `n . x / |x|^3` with `x = r + d`, to second order in
+    /// `d`.
     fn expansion(&self, point: DVec3) -> f64 {
         let r = self.center - point;
         let squared = r.length_squared();

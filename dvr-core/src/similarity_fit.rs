@@ -6,11 +6,11 @@ use nalgebra::{Matrix3, Vector3};
 use crate::camera::{Camera, Similarity};
 
 impl Similarity {
-    /// The similarity that takes each point of `from` as near as possible to the one at the same place in `to`, in the sense of
-    /// least squares (Umeyama 1991, equations 40 to 43).
+    /// The similarity that takes each point of `from` as near as possible to the one at the same place in `to`, in the
+    /// sense of least squares (Umeyama 1991, equations 40 to 43).
     ///
-    /// `None` where the points do not determine one: the lists differ in length, a coordinate is not finite, or the points lie on
-    /// a line.
+    /// `None` where the points do not determine one: the lists differ in length, a coordinate is not finite, or the
+    /// points lie on a line.
     pub fn between(from: &[DVec3], to: &[DVec3]) -> Option<Self> {
         if from.len() != to.len() || from.len() < 3 || !from.iter().chain(to).all(|point| point.is_finite()) {
             return None;
@@ -43,8 +43,9 @@ impl Similarity {
 }
 
 impl Similarity {
-    /// The similarity that takes cameras of one space as near as possible to the same cameras in another: where they stand, and points that
-    /// they look at, as far away as the origin. What photographs cannot tell of where their cameras are.
+    /// The similarity that takes cameras of one space as near as possible to the same cameras in another: where they
+    /// stand, and points that they look at, as far away as the origin. What photographs cannot tell of where their
+    /// cameras are.
     ///
     /// `None` where the cameras do not determine one.
     pub fn between_cameras<'a>(

@@ -1,7 +1,7 @@
 //! The sRGB transfer function (IEC 61966-2-1), for values in `[0, 1]`.
 //!
-//! Everything in this crate holds sRGB colours as files do. Light adds up in linear space only, so shading, averaging and
-//! glTF's vertex colours go through here.
+//! Everything in this crate holds sRGB colours as files do. Light adds up in linear space only, so shading, averaging
+//! and glTF's vertex colours go through here.
 
 /// Linear light of an sRGB value.
 pub fn srgb_to_linear(value: f32) -> f32 {

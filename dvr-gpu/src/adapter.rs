@@ -62,10 +62,11 @@ const APIS: [(Backend, WgpuBackend, &str); 3] = [
     (Backend::Dx12, WgpuBackend::Dx12, "DirectX 12"),
 ];
 
-/// All adapters of this machine, the preferred ones first; none where there is no driver. They are looked for once a process.
+/// All adapters of this machine, the preferred ones first; none where there is no driver. They are looked for once a
+/// process.
 ///
-/// A card that is reached through two interfaces is listed once: those of the first interface that has a graphics processor
-/// are taken, or if none has, the software adapters of the first interface that has any.
+/// A card that is reached through two interfaces is listed once: those of the first interface that has a graphics
+/// processor are taken, or if none has, the software adapters of the first interface that has any.
 pub fn adapters() -> &'static [Adapter] {
     static ADAPTERS: OnceLock<Vec<Adapter>> = OnceLock::new();
     ADAPTERS.get_or_init(|| {

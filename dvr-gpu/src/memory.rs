@@ -23,8 +23,8 @@ pub struct MemoryExcess {
     pub allowed: u64,
 }
 
-/// Bytes that a device has set aside for tensors: those in use, and what it keeps to use again. `None` where it is no graphics
-/// processor.
+/// Bytes that a device has set aside for tensors: those in use, and what it keeps to use again. `None` where it is no
+/// graphics processor.
 pub fn memory_held(device: &Device) -> Option<u64> {
     is_gpu(device).then(|| device.clone().inner().memory_pool_usage())?.map(|usage| usage.bytes_reserved)
 }
@@ -44,8 +44,8 @@ pub fn memory_excess(device: &Device) -> Option<MemoryExcess> {
 
 /// How many points a network is best asked at at once on this device; `None` where it is no graphics processor.
 ///
-/// Enough to keep it busy, and few enough that no buffer comes near the largest that it can take, that of a small card's memory, or
-/// what [`limit_memory`] allows.
+/// Enough to keep it busy, and few enough that no buffer comes near the largest that it can take, that of a small
+/// card's memory, or what [`limit_memory`] allows.
 pub fn points_at_once(device: &Device) -> Option<usize> {
     Some(points_within(client(device)?.properties().memory.max_page_size, LIMIT.load(Ordering::Relaxed)))
 }
@@ -53,11 +53,12 @@ pub fn points_at_once(device: &Device) -> Option<usize> {
 /// Numbers of the widest layer in use.
 const WIDEST: u64 = 512;
 
-/// Layers that are alive at a time while a network's values and its derivatives along three axes are computed: of each the layer, what
-/// goes into the next one, and its mask.
+/// Layers that are alive at a time while a network's values and its derivatives along three axes are computed: of each
+/// the layer, what goes into the next one, and its mask.
 const LAYERS_ALIVE: u64 = 16;
 
-/// Points at once, if no buffer may be larger than an eighth of `largest`, and all together take half of `allowed` (both in bytes).
+/// Points at once, if no buffer may be larger than an eighth of `largest`, and all together take half of `allowed`
+/// (both in bytes).
 fn points_within(largest: u64, allowed: u64) -> usize {
     let by_buffer = (largest / (8 * 4 * WIDEST)).clamp(1 << 12, 1 << 16);
     let by_limit = (allowed / (2 * 4 * WIDEST * LAYERS_ALIVE)).max(1 << 6);

@@ -1,4 +1,5 @@
-//! Points, and lattices between whose nodes values are interpolated, inside a kernel: the twin of `dvr_kernels::Lattice`.
+//! Points, and lattices between whose nodes values are interpolated, inside a kernel: the twin of
+//! `dvr_kernels::Lattice`.
 
 #![allow(missing_docs)]
 
@@ -88,7 +89,8 @@ pub(crate) fn lerp(a: f32, b: f32, t: f32) -> f32 {
     a + (b - a) * t
 }
 
-/// A position in cells, held in a lattice of so many. What is not a number lies, like what is far below, in the first cell.
+/// A position in cells, held in a lattice of so many. What is not a number lies, like what is far below, in the first
+/// cell.
 #[cube]
 pub(crate) fn held(position: f32, cells: f32) -> f32 {
     select(position >= 0.0f32 && position <= cells, position, select(position > cells, cells, 0.0f32))

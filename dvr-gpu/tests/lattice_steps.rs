@@ -58,7 +58,8 @@ fn what_is_too_large_is_refused_with_its_size() {
     let step = |rays| LatticeStep { first: 0, rays, rates: [&[0.01], &[0.01]], roughness: 0.0, rest: ([0.5; 3], 1e-5) };
     let refused = trainer.step(&step(1 << 40)).map_err(|e| e.to_string());
     assert!(refused.is_err_and(|problem| problem.contains("lessons would take 58720256 MiB in one piece")));
-    // It is still good for what fits: the ray meets the raised node, and its colour goes from gray to the pixel's white.
+    // It is still good for what fits: the ray meets the raised node, and its colour goes from gray to the pixel's
+    // white.
     trainer.draw(vec![0, 0], 0).unwrap();
     trainer.step(&step(1)).unwrap();
     let lesson = trainer.sums().unwrap().lessons;

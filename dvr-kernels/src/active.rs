@@ -54,8 +54,8 @@ impl ActiveNodes {
         Self::new(&a.lattice, |node| active[node])
     }
 
-    /// The nodes that are at most `reach` nodes away, along each axis, from one with a neighbour of another sign; none of the
-    /// lattice's border.
+    /// The nodes that are at most `reach` nodes away, along each axis, from one with a neighbour of another sign; none
+    /// of the lattice's border.
     ///
     /// # Panics
     /// When there are not as many values as nodes.
@@ -65,7 +65,8 @@ impl ActiveNodes {
         let strides = [1, nodes, nodes * nodes];
         let changes = |node: usize| {
             let inside = values[node] >= 0.0;
-            // Counting each pair of neighbours at its lower node loses a node of reach on the upper side, given back below.
+            // Counting each pair of neighbours at its lower node loses a node of reach on the upper side, given back
+            // below.
             lattice
                 .coordinates(node)
                 .into_iter()
@@ -94,7 +95,8 @@ impl ActiveNodes {
         self.before[self.lattice.nodes()]
     }
 
-    /// Cuts what is stored for the nodes of the set alone, `channels` numbers each in their order, into layers of constant z.
+    /// Cuts what is stored for the nodes of the set alone, `channels` numbers each in their order, into layers of
+    /// constant z.
     ///
     /// # Panics
     /// When there are not so many numbers.

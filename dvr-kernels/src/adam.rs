@@ -36,8 +36,8 @@ impl Moments {
     }
 }
 
-/// Moves the parameters of the active nodes; each node has `channels` of them, side by side. Parameters and moments are those of
-/// the active nodes alone, in their order; the gradient is that of the whole lattice.
+/// Moves the parameters of the active nodes; each node has `channels` of them, side by side. Parameters and moments are
+/// those of the active nodes alone, in their order; the gradient is that of the whole lattice.
 ///
 /// # Panics
 /// When there are not `channels` numbers a node.

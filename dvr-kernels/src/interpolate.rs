@@ -2,8 +2,8 @@
 //! derivatives along a direction, and the transposes of both, towards nodes, points and directions.
 //!
 //! Points outside the lattice's cube have the value of the nearest point of the cube, so their derivatives across its
-//! border are zero. Numbers are `f32` or `f64`, each node has `C` channels side by side. Work is spread over threads, and
-//! the results do not depend on how.
+//! border are zero. Numbers are `f32` or `f64`, each node has `C` channels side by side. Work is spread over threads,
+//! and the results do not depend on how.
 
 use std::ops::{Add, AddAssign, Mul, Neg, Sub};
 
@@ -160,8 +160,8 @@ impl<T: Real> Place<T> {
         self.in_cells(&gradient)
     }
 
-    /// The gradient, by the point, of the derivative along `direction`: second derivatives times the direction. Those twice
-    /// along one axis are zero.
+    /// The gradient, by the point, of the derivative along `direction`: second derivatives times the direction. Those
+    /// twice along one axis are zero.
     #[inline(always)]
     fn second_derivative(&self, c: &[T; 8], direction: &[T; 3]) -> [T; 3] {
         let [x, y, z] = self.at;
@@ -317,8 +317,8 @@ fn per_point<O: Copy + Send + Sync>(count: usize, blank: O, answer: impl Fn(usiz
 
 /// Adds what `corners` says of the eight corners of each point's cell.
 ///
-/// Points are sorted into layers of cells. Each layer of nodes is one task: it adds up what the cells below and above it say,
-/// in the order of the points.
+/// Points are sorted into layers of cells. Each layer of nodes is one task: it adds up what the cells below and above
+/// it say, in the order of the points.
 fn scatter_by<T: Real, const C: usize>(
     lattice: &Lattice,
     points: &[[T; 3]],

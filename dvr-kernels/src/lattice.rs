@@ -145,7 +145,8 @@ impl Cell {
         (lerp(low, high, z), gradient)
     }
 
-    /// Derivatives of the gradient `(per cell) . direction` by the corners, x fastest: what spreads a loss on the gradient.
+    /// Derivatives of the gradient `(per cell) . direction` by the corners, x fastest: what spreads a loss on the
+    /// gradient.
     pub fn gradient_weights(&self, direction: Vec3) -> [f32; 8] {
         let (b, a) = (self.at, Vec3::ONE - self.at);
         std::array::from_fn(|corner| {

@@ -2,7 +2,8 @@
 //!
 //! A [`Lattice`] is a cube of nodes whose values are interpolated trilinearly. Rays are intersected with the zero level
 //! set of such values exactly ([`SignMap::first_crossing`]), levels of different resolution are summed into one lattice
-//! ([`pyramid`]), [`interpolate`] evaluates and differentiates at many points at once, and [`adam`] moves parameters. Every kernel has a slow twin in its tests.
+//! ([`pyramid`]), [`interpolate`] evaluates and differentiates at many points at once, and [`adam`] moves parameters.
+//! Every kernel has a slow twin in its tests.
 //!
 //! ```
 //! use dvr_kernels::{Lattice, SignMap};

@@ -42,8 +42,8 @@ fn blend_rows(coarse: &[f32], width: usize, nodes: usize, y: usize, z: usize, ne
     }
 }
 
-/// The transpose of [`prolong_add`]: the gradient by the coarse nodes, of a gradient by the fine ones that is zero where
-/// they are not active. Written at the active nodes of the coarse lattice.
+/// The transpose of [`prolong_add`]: the gradient by the coarse nodes, of a gradient by the fine ones that is zero
+/// where they are not active. Written at the active nodes of the coarse lattice.
 ///
 /// # Panics
 /// When the coarse lattice has not half the cells of the fine one, or the slices are not as long as the lattices.

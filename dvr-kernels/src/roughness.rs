@@ -15,8 +15,8 @@ pub struct Roughness {
 }
 
 impl Roughness {
-    /// Adds the gradient of `weight` times the mean roughness of the active nodes near the surface to `gradient`, at the
-    /// active nodes, and returns that mean.
+    /// Adds the gradient of `weight` times the mean roughness of the active nodes near the surface to `gradient`, at
+    /// the active nodes, and returns that mean.
     ///
     /// A node's roughness is the Huber function (Huber 1964) of the discrete Laplacian, the mean of its six neighbours
     /// less itself, in spacings: quadratic up to `knee` and linear beyond, so that noise is smoothed and edges stay.

@@ -3,7 +3,8 @@
 /// Decay of Adam's running mean of the gradient.
 pub const BETA1: f32 = 0.9;
 
-/// Decay of Adam's running mean of the gradient's square: shorter than usual, since a run has hundreds of steps, not thousands.
+/// Decay of Adam's running mean of the gradient's square: shorter than usual, since a run has hundreds of steps, not
+/// thousands.
 pub const BETA2: f32 = 0.99;
 
 /// Added to the root of Adam's second mean.
@@ -24,5 +25,6 @@ pub const PATCH_SIDE: usize = 3;
 /// Variance of brightness that noise alone may have: patches with less say nothing.
 pub const PATCH_NOISE: f32 = 1e-4;
 
-/// How much nearer or farther than the middle of a patch a sample may lie, as a factor: planes seen edge-on reach too far.
+/// How much nearer or farther than the middle of a patch a sample may lie, as a factor: planes seen edge-on reach too
+/// far.
 pub const MAX_STRETCH: f32 = 1.15;

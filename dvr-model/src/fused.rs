@@ -116,8 +116,8 @@ mod tests {
         }
     }
 
-    /// A random decoder with a surface in the cube, on the side of [`rays`]' camera: its mean logit is taken from the bias, and
-    /// all signs are turned where that side would be inside.
+    /// A random decoder with a surface in the cube, on the side of [`rays`]' camera: its mean logit is taken from the
+    /// bias, and all signs are turned where that side would be inside.
     fn decoder(config: &DecoderConfig) -> Decoder {
         let device = Device::flex();
         let mut drawn = Drawn(5);

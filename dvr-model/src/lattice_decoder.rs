@@ -16,7 +16,8 @@ pub struct LatticeDecoderConfig {
     /// Cells along an edge of the occupancy lattice.
     #[config(default = 64)]
     pub cells: usize,
-    /// Cells along an edge of the colour lattice: coarser, since fine colour would explain the pictures on a wrong surface.
+    /// Cells along an edge of the colour lattice: coarser, since fine colour would explain the pictures on a wrong
+    /// surface.
     #[config(default = 32)]
     pub color_cells: usize,
     /// Radius of the ball that the occupancy starts as, in object units.
@@ -41,11 +42,12 @@ impl LatticeDecoderConfig {
     }
 }
 
-/// Occupancy logit and colour, each interpolated between the nodes of a lattice: a [`LatticeField`] whose values are parameters.
+/// Occupancy logit and colour, each interpolated between the nodes of a lattice: a [`LatticeField`] whose values are
+/// parameters.
 ///
-/// Values, gradients and the forward-mode pass are single operations on the CPU (burn's `flex`, or its `ndarray` behind the
-/// feature of that name), in single or double precision, with the same results whatever the number of threads. Object
-/// indices are not looked at: it holds one object.
+/// Values, gradients and the forward-mode pass are single operations on the CPU (burn's `flex`, or its `ndarray` behind
+/// the feature of that name), in single or double precision, with the same results whatever the number of threads.
+/// Object indices are not looked at: it holds one object.
 #[derive(Module, Debug)]
 pub struct LatticeDecoder {
     /// Occupancy logits, `[nodes, 1]`, x fastest, then y, then z.

@@ -2,7 +2,8 @@
 //!
 //! A trilinear surface is determined by the corners of the cells that it passes through. Their values are stored as
 //! steps of a thirty-second of a cell; for all other nodes it is enough to know on which side they are. Colours are
-//! stored, in 64 steps, where such a cell needs them. Both are far finer than what training gets right. The whole is deflated (RFC 1951).
+//! stored, in 64 steps, where such a cell needs them. Both are far finer than what training gets right. The whole is
+//! deflated (RFC 1951).
 
 use std::io::{Read, Write};
 

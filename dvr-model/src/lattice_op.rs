@@ -1,7 +1,8 @@
 //! Trilinear interpolation between the nodes of a lattice as operations of burn, with their backward passes.
 //!
-//! The numbers come from [`dvr_kernels::interpolate`], or on a graphics processor from its own kernels. What a tensor version needs
-//! eight gathers and some thirty operations for, each with memory of its own, is one pass here; so is its gradient.
+//! The numbers come from [`dvr_kernels::interpolate`], or on a graphics processor from its own kernels. What a tensor
+//! version needs eight gathers and some thirty operations for, each with memory of its own, is one pass here; so is its
+//! gradient.
 
 // Upstream deprecates burn-ndarray; here it is a second opinion behind a feature.
 #![allow(deprecated)]
@@ -17,15 +18,15 @@ use dvr_kernels::Lattice;
 
 /// Values between the nodes of a lattice.
 ///
-/// `values` are `[nodes, C]` with one or three channels a node, `points` `[n, 3]`; the answer is `[n, C]`. Gradients reach both;
-/// outside the lattice's cube the answer is that of the nearest point.
+/// `values` are `[nodes, C]` with one or three channels a node, `points` `[n, 3]`; the answer is `[n, C]`. Gradients
+/// reach both; outside the lattice's cube the answer is that of the nearest point.
 pub(crate) fn interpolate(lattice: Lattice, values: Tensor<2>, points: Tensor<2>) -> Tensor<2> {
     let (values, points) = (values.into_dispatch(), points.into_dispatch());
     Tensor::from_dispatch(<Dispatch as LatticeOp>::lattice_interpolate(values, points, lattice))
 }
 
-/// The same, and beside it the derivative along a direction a point, `[n, 3]`: two tensors `[n, C]`, both of which gradients
-/// pass on to values, points and directions.
+/// The same, and beside it the derivative along a direction a point, `[n, 3]`: two tensors `[n, C]`, both of which
+/// gradients pass on to values, points and directions.
 pub(crate) fn interpolate_jet(
     lattice: Lattice,
     values: Tensor<2>,
@@ -67,7 +68,8 @@ pub struct Asked<B: Backend> {
 
 /// The transposes of the operations, for their backward passes.
 pub trait LatticeGradients: LatticeOp {
-    /// The gradient by the nodes' values, `[nodes, C]`, from that by the answers, `[n, C]`; with `directions`, from `[n, 2 C]`.
+    /// The gradient by the nodes' values, `[nodes, C]`, from that by the answers, `[n, C]`; with `directions`, from
+    /// `[n, 2 C]`.
     fn by_values(
         asked: &Asked<Self>,
         directions: Option<&FloatTensor<Self>>,

@@ -1,7 +1,7 @@
 //! Modules as named tensors with PyTorch's names and layout, and back.
 //!
-//! Linear weights are `[out, in]`, normalisations have `weight` and `bias`, and every batch normalisation has its count of
-//! batches: what `state_dict()` of the original's modules gives.
+//! Linear weights are `[out, in]`, normalisations have `weight` and `bias`, and every batch normalisation has its count
+//! of batches: what `state_dict()` of the original's modules gives.
 
 use burn::module::Module;
 use burn::tensor::{Bytes, DType, Device, Shape, Tensor, TensorData};

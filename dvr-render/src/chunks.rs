@@ -3,8 +3,8 @@
 use burn::tensor::Device;
 use rayon::prelude::*;
 
-/// Whether tensors of a device lie on a graphics processor: then they are worth handling in large pieces, and reading a number back
-/// makes the program wait for all that was asked before.
+/// Whether tensors of a device lie on a graphics processor: then they are worth handling in large pieces, and reading a
+/// number back makes the program wait for all that was asked before.
 pub fn is_gpu(device: &Device) -> bool {
     #[cfg(feature = "gpu")]
     return dvr_gpu::is_gpu(device);
@@ -15,7 +15,8 @@ pub fn is_gpu(device: &Device) -> bool {
     }
 }
 
-/// Where a graphics processor holds more memory than it may: bytes held, and bytes allowed. See `dvr_gpu::limit_memory`.
+/// Where a graphics processor holds more memory than it may: bytes held, and bytes allowed. See
+/// `dvr_gpu::limit_memory`.
 pub fn memory_excess(device: &Device) -> Option<(u64, u64)> {
     #[cfg(feature = "gpu")]
     return dvr_gpu::memory_excess(device).map(|excess| (excess.held, excess.allowed));
@@ -41,8 +42,8 @@ pub(crate) fn chunks(n: usize, size: usize) -> impl Iterator<Item = (usize, usiz
     (0..n).step_by(size).map(move |start| (start, size.min(n - start)))
 }
 
-/// Does jobs and returns the results in their order. A GPU has one queue, and each thread that uses it would claim memory of its
-/// own: there the jobs are done in turn.
+/// Does jobs and returns the results in their order. A GPU has one queue, and each thread that uses it would claim
+/// memory of its own: there the jobs are done in turn.
 pub(crate) fn in_parallel<J: Send, T: Send>(device: &Device, jobs: Vec<J>, work: impl Fn(J) -> T + Sync) -> Vec<T> {
     if is_gpu(device) { jobs.into_iter().map(work).collect() } else { jobs.into_par_iter().map(&work).collect() }
 }

@@ -102,14 +102,14 @@ pub trait Field: Sync {
     /// Where the parameters live.
     fn device(&self) -> Device;
 
-    /// What marching, rendering and extraction ask instead, where that is faster than tensors: the field as it is now, without
-    /// gradients, one snapshot an object. None where the field has no such thing, or not for its device.
+    /// What marching, rendering and extraction ask instead, where that is faster than tensors: the field as it is now,
+    /// without gradients, one snapshot an object. None where the field has no such thing, or not for its device.
     fn snapshots(&self) -> Vec<Snapshot> {
         Vec::new()
     }
 
-    /// A marcher of the field's own for its device, where that has one that is faster than tensors: a kernel of a GPU. It is asked
-    /// for where there are no snapshots.
+    /// A marcher of the field's own for its device, where that has one that is faster than tensors: a kernel of a GPU.
+    /// It is asked for where there are no snapshots.
     fn device_marcher(&self, settings: MarchSettings) -> Option<Box<dyn Marcher + '_>> {
         let _ = settings;
         None

@@ -24,8 +24,8 @@ use serde::{Deserialize, Serialize};
 
 /// How `1/s` is kept finite where a ray grazes the surface (`s -> 0`).
 ///
-/// Near a smooth silhouette the exact gradient grows like the inverse square root of the distance in the image: its mean
-/// is finite, its variance is not. Both rules trade a little bias at grazing rays for a bounded step.
+/// Near a smooth silhouette the exact gradient grows like the inverse square root of the distance in the image: its
+/// mean is finite, its variance is not. Both rules trade a little bias at grazing rays for a bounded step.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", tag = "kind")]
 pub enum SlopeRule {

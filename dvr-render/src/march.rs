@@ -20,7 +20,8 @@ pub struct MarchSettings {
     pub root: RootMethod,
     /// Evaluations a ray that the root search spends.
     pub root_steps: usize,
-    /// Points evaluated at once on a CPU: few enough for the activations to stay in cache. On a GPU, its memory says how many.
+    /// Points evaluated at once on a CPU: few enough for the activations to stay in cache. On a GPU, its memory says
+    /// how many.
     pub max_points: usize,
 }
 
@@ -44,17 +45,17 @@ pub trait Marcher {
 pub struct March {
     /// The rays that hit, `None` where no ray does.
     pub hits: Option<Hits>,
-    /// What became of each ray, in the batch's order. Not on the device: which rays hit must be known to the program, to go on
-    /// with these alone, and is read back once.
+    /// What became of each ray, in the batch's order. Not on the device: which rays hit must be known to the program,
+    /// to go on with these alone, and is read back once.
     pub fate: Vec<Fate>,
-    /// Depth of the sample with the largest logit, `[n]`: where a ray that misses came closest to the object. Of other rays, a marcher
-    /// that stops at the surface has looked at the samples before it alone.
+    /// Depth of the sample with the largest logit, `[n]`: where a ray that misses came closest to the object. Of other
+    /// rays, a marcher that stops at the surface has looked at the samples before it alone.
     pub densest_depth: Tensor<1>,
 }
 
 impl March {
-    /// From what a kernel leaves on the device, `[n, 3]`: the fate of each ray as a number (0 misses, 1 hits, 2 starts inside), the
-    /// depth of its crossing, and that of its densest sample. The fates alone are read back.
+    /// From what a kernel leaves on the device, `[n, 3]`: the fate of each ray as a number (0 misses, 1 hits, 2 starts
+    /// inside), the depth of its crossing, and that of its densest sample. The fates alone are read back.
     pub fn of_columns(rays: &Rays, columns: &Tensor<2>) -> Self {
         let column = |i| columns.clone().narrow(1, i, 1).squeeze_dim::<1>(1);
         let fate = Fate::read(column(0));
@@ -80,7 +81,8 @@ pub enum Fate {
 }
 
 impl Fate {
-    /// The fates that a marcher left on the device as numbers, `[n]`: 0, 1 and 2 in the order of the variants. Reads them back.
+    /// The fates that a marcher left on the device as numbers, `[n]`: 0, 1 and 2 in the order of the variants. Reads
+    /// them back.
     fn read(codes: Tensor<1>) -> Vec<Self> {
         let fate = |code: f32| match code {
             1.0 => Self::Hits,

@@ -1,9 +1,9 @@
 //! Rows of a tensor by their number, with backward passes that a graphics processor can share out.
 //!
-//! burn's own `select` adds up gradients with one work-item a column, which goes through all rows in turn: for a column of numbers,
-//! one work-item of some ten thousand. Where no row is picked twice, its gradient is a row of the answer's gradient, and can be picked
-//! in turn ([`DistinctRows`]). Where rows repeat, the sum is a matrix product ([`select_rows`]). Both add in a fixed order: the same
-//! bits in every run.
+//! burn's own `select` adds up gradients with one work-item a column, which goes through all rows in turn: for a column
+//! of numbers, one work-item of some ten thousand. Where no row is picked twice, its gradient is a row of the answer's
+//! gradient, and can be picked in turn ([`DistinctRows`]). Where rows repeat, the sum is a matrix product
+//! ([`select_rows`]). Both add in a fixed order: the same bits in every run.
 
 // Upstream deprecates burn-ndarray; here it is only a second oracle, behind a feature.
 #![allow(deprecated)]
@@ -30,7 +30,8 @@ pub struct DistinctRows {
 }
 
 impl DistinctRows {
-    /// Rows of tensors that have `of` rows, on `device`, which is without autodiff. Each number is below `of`, and there once.
+    /// Rows of tensors that have `of` rows, on `device`, which is without autodiff. Each number is below `of`, and
+    /// there once.
     pub fn new(index: &[i64], of: usize, device: &Device) -> Self {
         let mut place = vec![index.len() as i64; of];
         for (i, &row) in (0..).zip(index) {

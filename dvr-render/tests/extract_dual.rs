@@ -105,7 +105,8 @@ fn two_balls_that_touch_are_two_closed_surfaces_or_one_but_never_pinched() {
 
 #[test]
 fn two_nodes_across_a_face_do_not_hang_together_by_a_doubled_side() {
-    // Both cells that share the face join the two nodes: if it were not parted, one side would have four quadrilaterals.
+    // Both cells that share the face join the two nodes: if it were not parted, one side would have four
+    // quadrilaterals.
     let cell = 1.1 / 8.0;
     for across in [Vec3::new(1.0, 1.0, 0.0), Vec3::new(0.0, -1.0, 1.0), Vec3::new(1.0, 0.0, 1.0)] {
         let two = |p: Vec3| 0.4 * cell - p.length().min(p.distance(cell * across));

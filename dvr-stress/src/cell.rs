@@ -17,7 +17,8 @@ pub struct Cell {
     pub seed: u64,
     /// How it ended.
     pub verdict: Verdict,
-    /// The figure that was judged: Chamfer-L1 of what is seen in object units, or that of a gradient; `None` without one.
+    /// The figure that was judged: Chamfer-L1 of what is seen in object units, or that of a gradient; `None` without
+    /// one.
     pub value: Option<f64>,
     /// Everything that was measured of a mesh.
     pub figures: Option<Figures>,

@@ -16,7 +16,8 @@ pub enum GradientTest {
     Grazing,
     /// The same at 30 degrees, where the field is multiplied by a number.
     Scale,
-    /// Standard deviation of its mean over a batch of so many rays that fall on the ball evenly, as a share of that mean.
+    /// Standard deviation of its mean over a batch of so many rays that fall on the ball evenly, as a share of that
+    /// mean.
     Spread,
 }
 

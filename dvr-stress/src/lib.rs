@@ -1,8 +1,9 @@
 //! Where reconstruction fails: scenes that are hard in one way at a time, and verdicts on what methods make of them.
 //!
 //! An [`Axis`] is one difficulty: a rod's radius, the error of the cameras, the number of views. For each of its
-//! difficulties it gives a [`Case`], a scene with a true shape, which [`write_scene`] renders and spoils. Whatever a method
-//! makes of the pictures is measured ([`measure`]) and judged ([`judge`]); [`break_point`] tells how far the method holds.
+//! difficulties it gives a [`Case`], a scene with a true shape, which [`write_scene`] renders and spoils. Whatever a
+//! method makes of the pictures is measured ([`measure`]) and judged ([`judge`]); [`break_point`] tells how far the
+//! method holds.
 //!
 //! ```
 //! use dvr_stress::{Verdict, axes, judge, measure, write_scene};

@@ -14,8 +14,8 @@ const MIN_COSINE: f64 = 0.174;
 /// Where a line of sight may end before the point, as a share of the distance: rounding of the surface itself.
 const CLEARANCE: f64 = 1e-3;
 
-/// Whether at least two of the cameras see each point of a mesh: in the frame, from its outer side, with nothing of the mesh
-/// in between.
+/// Whether at least two of the cameras see each point of a mesh: in the frame, from its outer side, with nothing of the
+/// mesh in between.
 pub(crate) fn seen(mesh: &Mesh, points: &[Vec3], normals: &[Vec3], cameras: &[Camera]) -> Vec<bool> {
     let bvh = Bvh::new(mesh);
     let sees = |camera: &Camera, point: Vec3, normal: Vec3| {

@@ -91,8 +91,8 @@ const SAMPLES: usize = 30_000;
 /// Points whose lines of sight are looked at.
 const SIGHT_SAMPLES: usize = 6_000;
 
-/// Measures a mesh in object space, or that there is none. Where the cameras were wrong, the mesh is first brought to where it is nearest
-/// to the truth.
+/// Measures a mesh in object space, or that there is none. Where the cameras were wrong, the mesh is first brought to
+/// where it is nearest to the truth.
 ///
 /// # Errors
 /// When the true mesh has no area.

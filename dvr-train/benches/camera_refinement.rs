@@ -1,8 +1,9 @@
 //! What finding cameras anew brings: `cargo bench -p dvr-train --bench camera_refinement -- SCENE... [--seeds N]`.
 //!
-//! Every camera of a scene whose true surface is known is turned and moved in a direction of its own; then the fast method is run on
-//! the true cameras, on the wrong ones, and on the wrong ones after they were refined. Chamfer-L1 after the similarity that cannot be
-//! known from photographs is taken out; recovered is the share of what the errors cost. Exact cameras, refined, must cost nothing.
+//! Every camera of a scene whose true surface is known is turned and moved in a direction of its own; then the fast
+//! method is run on the true cameras, on the wrong ones, and on the wrong ones after they were refined. Chamfer-L1
+//! after the similarity that cannot be known from photographs is taken out; recovered is the share of what the errors
+//! cost. Exact cameras, refined, must cost nothing.
 
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
@@ -69,8 +70,8 @@ fn compare(scene: &Scene, seed: u64, exact: f64, degrees: f64, share: f64) {
     );
 }
 
-/// Root mean square of how far the true surface's points are apart in the pictures of two scenes, after the second is brought to where
-/// its cameras are nearest to the first's.
+/// Root mean square of how far the true surface's points are apart in the pictures of two scenes, after the second is
+/// brought to where its cameras are nearest to the first's.
 fn distance(exact: &Scene, other: &Scene) -> f64 {
     let cameras = |scene: &'_ Scene| scene.views.iter().map(|view| view.camera.clone()).collect::<Vec<_>>();
     let gauge = Similarity::between_cameras(&cameras(other), &cameras(exact)).unwrap_or_default();

@@ -1,7 +1,8 @@
 //! Where the time of a step of the fast method goes: `cargo bench -p dvr-train --bench fast_step [-- SCENE...]`.
 //!
-//! Prints a table for lattices of 64, 128 and 256 cells: milliseconds a step of each part, and beside what streams through memory the
-//! number of passes over the lattice (each node read and written once) that would take as long at the bandwidth measured here.
+//! Prints a table for lattices of 64, 128 and 256 cells: milliseconds a step of each part, and beside what streams
+//! through memory the number of passes over the lattice (each node read and written once) that would take as long at
+//! the bandwidth measured here.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;

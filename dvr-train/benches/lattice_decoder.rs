@@ -1,4 +1,5 @@
-//! The lattice decoder's operations beside the same in plain tensors: `cargo bench -p dvr-train --bench lattice_decoder`.
+//! The lattice decoder's operations beside the same in plain tensors: `cargo bench -p dvr-train --bench
+//! lattice_decoder`.
 
 use std::hint::black_box;
 

@@ -12,8 +12,9 @@ pub(crate) fn adam() -> ModuleOptimizer {
 
 /// Adam as it is, but for where burn puts a state that it reads.
 ///
-/// burn loads it onto its default device, which is a graphics processor wherever the program was built for one, be there such a thing
-/// or not; the next step moves it to the parameters' device. So it can as well start on the CPU, which is always there.
+/// burn loads it onto its default device, which is a graphics processor wherever the program was built for one, be
+/// there such a thing or not; the next step moves it to the parameters' device. So it can as well start on the CPU,
+/// which is always there.
 #[derive(Clone)]
 struct HostLoaded(Adam);
 

@@ -158,7 +158,8 @@ pub struct TrainConfig {
     pub milestones_percent: Vec<u32>,
     /// See `milestones_percent`.
     pub learning_rate_factor: f64,
-    /// Rounds, at most, in which the cameras of a scene are moved to where they fit together before training; 0 believes the files.
+    /// Rounds, at most, in which the cameras of a scene are moved to where they fit together before training; 0
+    /// believes the files.
     #[serde(default)]
     pub refine_cameras: usize,
     /// One view in this many is held out for validation where the dataset has no validation split; 0 trains on all.

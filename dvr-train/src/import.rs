@@ -147,7 +147,8 @@ fn of_objects(
     Method::Objects(ObjectsConfig { encoder, train, ..base })
 }
 
-/// With the step size that the optimiser had last, and with no last step but the end of the original's sampling schedule.
+/// With the step size that the optimiser had last, and with no last step but the end of the original's sampling
+/// schedule.
 fn going_on(train: TrainConfig, learning_rate: Option<f64>) -> TrainConfig {
     let learning_rate = learning_rate.filter(|rate| *rate > 0.0).unwrap_or(train.learning_rate);
     let steps = train.steps.max(ObjectsConfig::classic(train.supervision).train.steps);
@@ -191,8 +192,8 @@ fn state_of<M: Module, N: Module>(network: &M, moments: Option<&AdamMoments<N>>)
     module_state(network.clone(), &optimizer)
 }
 
-/// An optimiser that changes nothing and takes down Adam's state: the gradients of its first step are the first moments,
-/// those of its second step the second ones. burn has no other way into an optimiser's record.
+/// An optimiser that changes nothing and takes down Adam's state: the gradients of its first step are the first
+/// moments, those of its second step the second ones. burn has no other way into an optimiser's record.
 #[derive(Clone)]
 struct LayDown {
     /// Steps that Adam has done.

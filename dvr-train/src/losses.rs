@@ -42,7 +42,8 @@ pub fn free_space(logit: Tensor<1>) -> Tensor<1> {
     softplus(logit, 1.0).sum()
 }
 
-/// Cross entropy that wants points inside: `sum softplus(-f)`. For rays of object pixels that hit nothing (equation 11).
+/// Cross entropy that wants points inside: `sum softplus(-f)`. For rays of object pixels that hit nothing (equation
+/// 11).
 pub fn occupancy(logit: Tensor<1>) -> Tensor<1> {
     softplus(logit.neg(), 1.0).sum()
 }

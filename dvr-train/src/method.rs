@@ -139,7 +139,8 @@ fn overlay(base: &mut serde_json::Value, over: &serde_json::Value, path: &str) -
         *base = over.clone();
         return Ok(());
     };
-    // An enum is replaced whole, since its fields depend on its variant: `slope` by its tag, `capacity` by its only key.
+    // An enum is replaced whole, since its fields depend on its variant: `slope` by its tag, `capacity` by its only
+    // key.
     let is_other_variant = fields.len() == 1 && over.len() == 1 && !over.keys().any(|key| fields.contains_key(key));
     if over.contains_key("kind") || is_other_variant {
         *base = serde_json::Value::Object(over.clone());

@@ -66,8 +66,8 @@ impl MetricsLog {
         Ok(Self { rows })
     }
 
-    /// Adds a row: what a step did after so many wall seconds of training and CPU seconds of this process, what a validation after
-    /// it said, and how far the shape was from the truth.
+    /// Adds a row: what a step did after so many wall seconds of training and CPU seconds of this process, what a
+    /// validation after it said, and how far the shape was from the truth.
     pub fn push(
         &mut self,
         report: &StepReport,

@@ -61,8 +61,8 @@ const WITHOUT_MEANING: [(&str, &str); 16] = [
 impl OriginalConfig {
     /// Reads a configuration with all that it inherits; keys that it leaves out have the original's defaults.
     ///
-    /// `inherit_from` is taken as the original takes it, from the folder in which its `configs/` lies, wherever that is above
-    /// the file, or from the current folder.
+    /// `inherit_from` is taken as the original takes it, from the folder in which its `configs/` lies, wherever that is
+    /// above the file, or from the current folder.
     ///
     /// # Errors
     /// When a file is missing or no YAML, or a key that has a meaning has a value without one.

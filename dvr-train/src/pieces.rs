@@ -14,8 +14,8 @@ const WITNESSES: usize = 2;
 /// A piece goes where there is one view that sees background in its place for so many that show it.
 const PER_DENIAL: usize = 4;
 
-/// Drops connected pieces whose area is below `min_share` of the largest one's, unless views show them: object where nothing
-/// of the large pieces is in the line of sight. Returns how many were dropped.
+/// Drops connected pieces whose area is below `min_share` of the largest one's, unless views show them: object where
+/// nothing of the large pieces is in the line of sight. Returns how many were dropped.
 pub(crate) fn drop_unshown(mesh: &mut Mesh, min_share: f64, views: &[&View]) -> usize {
     let (labels, pieces) = pieces(mesh);
     let largest = pieces.iter().map(|piece| piece.area).fold(0.0, f64::max);

@@ -177,8 +177,8 @@ pub struct RunOptions<'a> {
     pub time_limit: Option<Duration>,
     /// What became of the scene's cameras, where they were refined.
     pub refined: Option<RefinedCameras>,
-    /// The true surface, with which the shape is compared at each validation, beside the clock: a column of `metrics.csv`. It teaches
-    /// nothing.
+    /// The true surface, with which the shape is compared at each validation, beside the clock: a column of
+    /// `metrics.csv`. It teaches nothing.
     pub truth: Option<&'a PointCloud>,
     /// Set from outside (Ctrl-C): training saves and stops after the current step.
     pub interrupted: &'a AtomicBool,
@@ -206,7 +206,8 @@ pub struct Trained {
     pub steps: usize,
     /// Wall seconds of training, over all sessions.
     pub seconds: f64,
-    /// Wall and CPU seconds of this session that went into comparing the shape with the truth; they are not in `seconds`.
+    /// Wall and CPU seconds of this session that went into comparing the shape with the truth; they are not in
+    /// `seconds`.
     pub measuring_seconds: [f64; 2],
     /// The last validation.
     pub validation: Option<Agreement>,

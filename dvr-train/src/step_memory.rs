@@ -1,7 +1,8 @@
 //! What a training step takes of a graphics processor's memory, foretold from its configuration.
 //!
-//! An estimate that is meant to lie above the truth: the counts of tensors below were measured (wgpu, burn 0.22: what the device had set
-//! aside after some steps), and rounded up; most steps take between half of it and all of it. Rays that miss the cube take nothing.
+//! An estimate that is meant to lie above the truth: the counts of tensors below were measured (wgpu, burn 0.22: what
+//! the device had set aside after some steps), and rounded up; most steps take between half of it and all of it. Rays
+//! that miss the cube take nothing.
 
 use dvr_model::{DecoderConfig, EncoderConfig};
 
@@ -13,12 +14,13 @@ use crate::objects::ObjectsConfig;
 /// Bytes of a number in single precision.
 const NUMBER: f64 = 4.0;
 
-/// Layers of a point that are kept for the backward pass, for each block of the decoder and beside the blocks, with what the passes
-/// themselves need.
+/// Layers of a point that are kept for the backward pass, for each block of the decoder and beside the blocks, with
+/// what the passes themselves need.
 const LAYERS_A_BLOCK: f64 = 5.0;
 const MORE_LAYERS: f64 = 10.0;
 
-/// Layers that the normal term keeps for each block and point: values and three tangents, with their masks, at two points.
+/// Layers that the normal term keeps for each block and point: values and three tangents, with their masks, at two
+/// points.
 const LAYERS_OF_NORMALS: f64 = 40.0;
 
 /// Evaluations that the normal term takes for each point with central differences.
@@ -182,7 +184,8 @@ mod tests {
 
     #[test]
     fn steps_that_were_measured_take_what_is_foretold_and_not_much_less() {
-        // Width, blocks, octaves, rays, and the megabytes that a device had set aside after three steps (llvmpipe, wgpu).
+        // Width, blocks, octaves, rays, and the megabytes that a device had set aside after three steps (llvmpipe,
+        // wgpu).
         for (hidden, blocks, octaves, rays, measured) in [
             (64, 5, 4, 512, 12.3),
             (64, 5, 4, 2048, 21.2),

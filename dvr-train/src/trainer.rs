@@ -93,8 +93,8 @@ impl StepReport {
     }
 }
 
-/// On a GPU, the loss is read back once in so many steps: reading it makes the program wait for the device. The rows of `metrics.csv`
-/// are as far apart.
+/// On a GPU, the loss is read back once in so many steps: reading it makes the program wait for the device. The rows of
+/// `metrics.csv` are as far apart.
 pub(crate) const READ_EVERY: usize = 10;
 
 /// The loss and its terms, read back together.
@@ -175,8 +175,8 @@ impl<'a, F: Field + Module> Trainer<'a, F> {
     /// All randomness comes from the seed and the step's number: a resumed run draws what an unbroken one would.
     ///
     /// # Errors
-    /// When the loss is not finite. The field is then left as it was before the step; on a GPU, where the loss is not read in every
-    /// step, as the steps since the last reading have left it.
+    /// When the loss is not finite. The field is then left as it was before the step; on a GPU, where the loss is not
+    /// read in every step, as the steps since the last reading have left it.
     pub fn step(&mut self) -> Result<StepReport> {
         let config = &self.config;
         let mut rng = step_rng(config.seed, self.step as u64 + 1);

@@ -15,8 +15,8 @@ pub struct Agreement {
     pub pixels: usize,
 }
 
-/// Compares what a shader shows with views on an even subset of at most about `max_pixels` of their pixels; `None` without
-/// views.
+/// Compares what a shader shows with views on an even subset of at most about `max_pixels` of their pixels; `None`
+/// without views.
 pub fn agreement(shader: &dyn Shader, views: &[&View], max_pixels: usize) -> Option<Agreement> {
     let pixels = pixel_subset(views, max_pixels);
     let rays: Vec<Ray> = pixels.iter().map(|&(view, u, v)| views[view].camera.pixel_ray(u, v)).collect();

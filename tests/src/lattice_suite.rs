@@ -53,8 +53,8 @@ fn plain(decoder: &LatticeDecoder, points: &Tensor<2>, directions: &Tensor<2>) -
     ]
 }
 
-/// Everything that can be asked agrees with plain tensors, up to relative errors of `tolerance` in the Euclidean norm: values,
-/// forward-mode derivatives, and the gradients of both by parameters, points and directions.
+/// Everything that can be asked agrees with plain tensors, up to relative errors of `tolerance` in the Euclidean norm:
+/// values, forward-mode derivatives, and the gradients of both by parameters, points and directions.
 pub fn agrees_with_plain_tensors(device: &Device, tolerance: f64) {
     let device = device.clone().autodiff();
     let decoder = decoder(&device);

@@ -156,8 +156,8 @@ pub fn rendered_scene(mesh: Mesh, views: usize, pixels: u32) -> Scene {
     read_scene(&folder.path().join("objects/object"), &ReadOptions::default()).expect("what was written can be read")
 }
 
-/// The graphics processor that the suites run on, or `None` (with a line of output) where no driver offers one. A software
-/// adapter will do.
+/// The graphics processor that the suites run on, or `None` (with a line of output) where no driver offers one. A
+/// software adapter will do.
 pub fn graphics_processor() -> Option<Device> {
     match dvr_gpu::open(0) {
         Ok(gpu) => {

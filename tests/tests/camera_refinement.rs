@@ -33,8 +33,8 @@ fn disturbed(scene: &Scene) -> Scene {
     wrong
 }
 
-/// Pixels between the pictures of the cube's corners, pulled in, in two scenes; the second is first brought to where its cameras are
-/// nearest to the first's.
+/// Pixels between the pictures of the cube's corners, pulled in, in two scenes; the second is first brought to where
+/// its cameras are nearest to the first's.
 fn distance(exact: &Scene, other: &Scene) -> f64 {
     let cameras = |scene: &Scene| scene.views.iter().map(|view| view.camera.clone()).collect::<Vec<_>>();
     let gauge = Similarity::between_cameras(&cameras(other), &cameras(exact)).unwrap();

@@ -164,8 +164,8 @@ fn marching_agrees_with_the_original_or_with_brute_force_where_the_original_is_w
                         }
                     }
                     label::MISSES_CUBE => assert_eq!(ours[ray], None, "{context}"),
-                    // Fault 1: from inside the cube the original starts behind or before the first surface. Fault 3: rays
-                    // through an edge or a corner fall back to coarse samples. Truth is the brute force.
+                    // Fault 1: from inside the cube the original starts behind or before the first surface. Fault 3:
+                    // rays through an edge or a corner fall back to coarse samples. Truth is the brute force.
                     label::INSIDE | label::NEAR_CENTER | label::THROUGH_EDGE => {
                         if !dense || device_name != "flex" {
                             continue;

@@ -1,4 +1,5 @@
-//! A limit on a graphics processor's memory holds: what is held is measured, and a run that holds more is saved and ends.
+//! A limit on a graphics processor's memory holds: what is held is measured, and a run that holds more is saved and
+//! ends.
 
 use std::sync::atomic::AtomicBool;
 

@@ -27,7 +27,8 @@ struct Setup {
 }
 
 impl Setup {
-    /// An encoder whose codes lie near one that the fixtures' decoder was trained with, nearer the smaller its `influence`.
+    /// An encoder whose codes lie near one that the fixtures' decoder was trained with, nearer the smaller its
+    /// `influence`.
     fn new(config: &EncoderConfig, size: usize, influence: f64, device: &Device) -> Option<Self> {
         device.seed(5);
         let tracking = device.clone().autodiff();
@@ -113,8 +114,8 @@ fn moved(encoder: &Encoder, direction: &Tensor<4>, step: f64) -> Encoder {
 #[test]
 fn the_gradient_of_depth_for_the_first_convolution_equals_differences_of_encoder_and_march() {
     let (_, device) = double_precision_devices().remove(0);
-    // Image size, weight of the last layer, and the step of the differences: so small that no ReLU changes sides, of which a
-    // ResNet has many.
+    // Image size, weight of the last layer, and the step of the differences: so small that no ReLU changes sides, of
+    // which a ResNet has many.
     let kinds = [
         (EncoderConfig::Convolutional { image_size: 63, width: 2 }, 63, 2.0, 1e-7),
         (EncoderConfig::Resnet18 { image_size: 64 }, 64, 0.05, 3e-9),

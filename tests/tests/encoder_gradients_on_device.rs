@@ -1,9 +1,10 @@
-//! Gradients of image encoders on a graphics processor: as near to those in double precision as the CPU's in single precision are.
+//! Gradients of image encoders on a graphics processor: as near to those in double precision as the CPU's in single
+//! precision are.
 //!
-//! How far two correct implementations may be apart depends on the batch. Where the last layers see one pixel an image (images of 32
-//! pixels), batch normalisation of two images turns any two numbers into about -1 and 1: what remains of a gradient behind it is a
-//! difference of nearly equal numbers, and rounding decides, on the CPU as on any other device. So the yardstick is not the CPU but
-//! double precision.
+//! How far two correct implementations may be apart depends on the batch. Where the last layers see one pixel an image
+//! (images of 32 pixels), batch normalisation of two images turns any two numbers into about -1 and 1: what remains of
+//! a gradient behind it is a difference of nearly equal numbers, and rounding decides, on the CPU as on any other
+//! device. So the yardstick is not the CPU but double precision.
 
 // Upstream deprecates burn-ndarray; here it is what computes in double precision.
 #![allow(deprecated)]
@@ -69,7 +70,8 @@ impl ModuleMapper for Fill<'_> {
     }
 }
 
-/// A module's outputs, and the gradients of a random functional of them by the input and by the parameters, on each device.
+/// A module's outputs, and the gradients of a random functional of them by the input and by the parameters, on each
+/// device.
 fn answers<M: Module>(
     devices: &[Device; 3],
     dims: [usize; 4],

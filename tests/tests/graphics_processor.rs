@@ -1,6 +1,7 @@
 //! What flex answers, a graphics processor answers: values, marches, gradients, and what training makes of them.
 //!
-//! Runs on the first adapter that there is, be it a software one; without any the tests say that they were skipped, and pass.
+//! Runs on the first adapter that there is, be it a software one; without any the tests say that they were skipped, and
+//! pass.
 
 use std::sync::OnceLock;
 use std::sync::atomic::AtomicBool;
@@ -47,7 +48,8 @@ fn taught(config: &TrainConfig) -> Decoder {
     warm_start(config.model.init(&device), &hull, config, &Device::flex(), &AtomicBool::new(false), |_| ())
 }
 
-/// The networks of the suite: narrow and with an encoding, of an odd width and leaky, and as wide as a unit's columns are many.
+/// The networks of the suite: narrow and with an encoding, of an odd width and leaky, and as wide as a unit's columns
+/// are many.
 fn networks() -> Vec<(&'static str, Decoder)> {
     [
         ("width 32, 2 octaves", DecoderConfig::new().with_hidden(32).with_octaves(2)),

@@ -1,6 +1,7 @@
 //! The fast method on a graphics processor: what it ends with, and how it goes on elsewhere.
 //!
-//! Runs on the first adapter that there is, be it a software one; without any the tests say that they were skipped, and pass.
+//! Runs on the first adapter that there is, be it a software one; without any the tests say that they were skipped, and
+//! pass.
 
 use std::sync::OnceLock;
 

@@ -15,14 +15,15 @@ pub struct BenchArgs {
     /// Folders (or cameras files) of the scenes
     #[arg(required = true)]
     pub scenes: Vec<PathBuf>,
-    /// Folder for results.json, results.csv, table.md, report.html, charts/ and the runs; runs that are there already are not repeated
+    /// Folder for results.json, results.csv, table.md, report.html, charts/ and the runs; runs that are there already
+    /// are not repeated
     #[arg(long, short, value_name = "DIR")]
     pub out: PathBuf,
     /// Methods to compare, as `dvr train --method` takes them; separate with commas
     #[arg(long, value_enum, value_delimiter = ',', default_values_t = [MethodName::Hull, MethodName::Fast], value_name = "METHOD")]
     pub methods: Vec<MethodName>,
-    /// A variant of `fast` (or of METHOD, with method=METHOD) with a name and other settings, e.g. no-cross-view:losses.cross_view=0,losses.structure=0; may be
-    /// given several times
+    /// A variant of `fast` (or of METHOD, with method=METHOD) with a name and other settings, e.g.
+    /// no-cross-view:losses.cross_view=0,losses.structure=0; may be given several times
     #[arg(long, value_parser = parse_variant, value_name = "NAME:KEY=VALUE")]
     pub variant: Vec<Variant>,
     /// What teaches the shape: rgb, depth, rgb+depth; separate with commas
@@ -37,7 +38,8 @@ pub struct BenchArgs {
     /// Follow the shape while it is trained, for curves of Chamfer-L1 over time; what that takes is not counted
     #[arg(long)]
     pub follow_shape: bool,
-    /// Results from elsewhere, to stand in the same table: a results.json, or a list of {scene, method, seconds, chamfer_l1, ...}
+    /// Results from elsewhere, to stand in the same table: a results.json, or a list of {scene, method, seconds,
+    /// chamfer_l1, ...}
     #[arg(long, value_name = "FILE")]
     pub overlay: Vec<PathBuf>,
 }

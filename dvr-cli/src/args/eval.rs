@@ -47,8 +47,8 @@ pub struct EvalObjectsArgs {
     /// The objects to measure: train, val or test [default: test]
     #[arg(long, value_enum, value_name = "SPLIT")]
     pub split: Option<SplitArg>,
-    /// Folder for objects.jsonl and the tables summary.{json,csv,md}; objects that are in it already are not measured again
-    /// [default: eval_SPLIT in the run]
+    /// Folder for objects.jsonl and the tables summary.{json,csv,md}; objects that are in it already are not measured
+    /// again [default: eval_SPLIT in the run]
     #[arg(long, short, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// One part of the objects, for a cluster's job array: 3/16 is the third of sixteen

@@ -57,7 +57,8 @@ pub enum Command {
     Render(RenderArgs),
     /// Measure a run or a mesh: shape against ground truth, pictures against held-out views
     Eval(EvalArgs),
-    /// Tell of one run, or of several side by side, on a page for a browser: the mesh in 3D, held-out views, curves, settings
+    /// Tell of one run, or of several side by side, on a page for a browser: the mesh in 3D, held-out views, curves,
+    /// settings
     Report(ReportArgs),
     /// Compare methods, or variants of one, on scenes: quality, time, memory and bytes with their spread over seeds
     Bench(BenchArgs),

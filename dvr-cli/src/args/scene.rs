@@ -11,7 +11,8 @@ use super::values::parse_memory;
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Reading the scene")]
 pub struct SceneArgs {
-    /// Layout of the files: dvr, transforms (NeRF, nerfstudio), idr (IDR, NeuS), middlebury or colmap [default: found by looking]
+    /// Layout of the files: dvr, transforms (NeRF, nerfstudio), idr (IDR, NeuS), middlebury or colmap [default: found
+    /// by looking]
     #[arg(long)]
     pub format: Option<Format>,
     /// Average this many by this many pixels into one
@@ -35,10 +36,11 @@ pub struct SceneArgs {
     /// DVR layout: take depth from visual_hull_depth/
     #[arg(long)]
     pub visual_hull_depth: bool,
-    /// Decoded photographs above this, e.g. 500M or 2G, are kept in a scratch file instead of memory; the system pages them
-    /// in as they are read. The file lies in the temporary folder (set TMPDIR to a folder on a disk with room: 4 bytes a
-    /// pixel) and goes away by itself; results are the same. With --backend gpu, also the most that tensors may take on the
-    /// graphics processor: work is cut to fit, and training whose step cannot fit is refused [default: all in memory]
+    /// Decoded photographs above this, e.g. 500M or 2G, are kept in a scratch file instead of memory; the system pages
+    /// them in as they are read. The file lies in the temporary folder (set TMPDIR to a folder on a disk with room: 4
+    /// bytes a pixel) and goes away by itself; results are the same. With --backend gpu, also the most that tensors may
+    /// take on the graphics processor: work is cut to fit, and training whose step cannot fit is refused [default: all
+    /// in memory]
     #[arg(long, value_parser = parse_memory, value_name = "BYTES")]
     pub memory: Option<u64>,
 }

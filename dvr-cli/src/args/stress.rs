@@ -10,17 +10,19 @@ use super::{MethodName, Variant};
 /// Arguments of `dvr stress`.
 #[derive(Args, Debug)]
 pub struct StressArgs {
-    /// Folder for results.json, results.csv, table.md, the scenes and the cells; cells that are there already are not repeated
+    /// Folder for results.json, results.csv, table.md, the scenes and the cells; cells that are there already are not
+    /// repeated
     #[arg(long, short, value_name = "DIR", required_unless_present = "list")]
     pub out: Option<PathBuf>,
     /// Only these axes, by name or by group (see --list); separate with commas
     #[arg(long, value_delimiter = ',', value_name = "NAME")]
     pub axis: Vec<String>,
-    /// Methods to try, as `dvr train --method` takes them; separate with commas [default: hull, fast; with --full all four]
+    /// Methods to try, as `dvr train --method` takes them; separate with commas [default: hull, fast; with --full all
+    /// four]
     #[arg(long, value_enum, value_delimiter = ',', value_name = "METHOD")]
     pub methods: Vec<MethodName>,
-    /// A variant of `fast` (or of METHOD, with method=METHOD) with a name and other settings, e.g. refined:refine_cameras=10; may be given several
-    /// times
+    /// A variant of `fast` (or of METHOD, with method=METHOD) with a name and other settings, e.g.
+    /// refined:refine_cameras=10; may be given several times
     #[arg(long, value_parser = parse_variant, value_name = "NAME:KEY=VALUE")]
     pub variant: Vec<Variant>,
     /// Seeds from 0 on, of scenes, faults and training [default: 1; with --full 3]

@@ -13,8 +13,8 @@ use super::{BackendArg, MeshingArgs, SceneArgs};
 /// Arguments of `dvr train`.
 #[derive(Args, Debug)]
 pub struct TrainArgs {
-    /// Folder (or cameras file) of a scene, which is reconstructed; or folder of a dataset of many objects, from which a model
-    /// learns to make shapes of single pictures. Not needed with --resume
+    /// Folder (or cameras file) of a scene, which is reconstructed; or folder of a dataset of many objects, from which
+    /// a model learns to make shapes of single pictures. Not needed with --resume
     #[arg(required_unless_present_any = ["resume", "print_config"])]
     pub scene: Option<PathBuf>,
     /// Folder for checkpoints, mesh, preview and figures
@@ -26,20 +26,23 @@ pub struct TrainArgs {
     /// Replace the run in --out
     #[arg(long)]
     pub overwrite: bool,
-    /// What teaches the shape: rgb, depth or rgb+depth; for datasets also occupancy (3D, from points.npz) [default: rgb]
+    /// What teaches the shape: rgb, depth or rgb+depth; for datasets also occupancy (3D, from points.npz) [default:
+    /// rgb]
     #[arg(long, value_name = "WHAT", help_heading = "Training")]
     pub supervision: Option<Supervision>,
     /// How to reconstruct [default: fast; for datasets: network]
     #[arg(long, visible_alias = "preset", value_enum, help_heading = "Training")]
     pub method: Option<MethodName>,
-    /// How fine the field of `fast` may become: auto, or cells along an edge (a power of two, 32 to 512) [default: auto]
+    /// How fine the field of `fast` may become: auto, or cells along an edge (a power of two, 32 to 512) [default:
+    /// auto]
     #[arg(long, value_parser = parse_capacity, value_name = "CELLS", help_heading = "Training")]
     pub capacity: Option<CapacityArg>,
     /// The stored field of `fast` may not take more than this, e.g. 32k or 1M
     #[arg(long, value_parser = parse_bytes, value_name = "BYTES", help_heading = "Training")]
     pub max_bytes: Option<usize>,
-    /// Cameras may be slightly wrong (a degree, some per cent): move them to where they fit together before training, in at most so many
-    /// rounds of about a second. The refined cameras are used from then on, and written to cameras.json
+    /// Cameras may be slightly wrong (a degree, some per cent): move them to where they fit together before training,
+    /// in at most so many rounds of about a second. The refined cameras are used from then on, and written to
+    /// cameras.json
     #[arg(long, value_name = "ROUNDS", num_args = 0..=1, default_missing_value = "10", help_heading = "Training")]
     pub refine_cameras: Option<usize>,
     /// Optimiser steps; with `fast`, of each stage [default: see --print-config]
@@ -51,7 +54,8 @@ pub struct TrainArgs {
     /// Seed of all random choices [default: 0]
     #[arg(long, value_name = "N", help_heading = "Training")]
     pub seed: Option<u64>,
-    /// JSON file with configuration values that replace the defaults, or a YAML configuration of the original PyTorch code
+    /// JSON file with configuration values that replace the defaults, or a YAML configuration of the original PyTorch
+    /// code
     #[arg(long, value_name = "FILE", help_heading = "Training")]
     pub config: Option<PathBuf>,
     /// One configuration value, e.g. --set losses.roughness=1; may be given several times
@@ -60,8 +64,8 @@ pub struct TrainArgs {
     /// Print the configuration as JSON and stop
     #[arg(long, help_heading = "Training")]
     pub print_config: bool,
-    /// Compare the shape with the truth, where the scene has it, at each validation: the column chamfer_l1 of metrics.csv. The clock
-    /// stands still meanwhile
+    /// Compare the shape with the truth, where the scene has it, at each validation: the column chamfer_l1 of
+    /// metrics.csv. The clock stands still meanwhile
     #[arg(long, help_heading = "Training")]
     pub follow_shape: bool,
     /// Write no report.html
@@ -84,7 +88,8 @@ pub struct ObjectsArgs {
     /// Only these categories, by folder or by name; separate with commas
     #[arg(long, value_delimiter = ',', value_name = "CATEGORY")]
     pub categories: Vec<String>,
-    /// Dataset with the encoder's pictures, under the same category and object, e.g. the 3D-R2N2 renders [default: the objects' own]
+    /// Dataset with the encoder's pictures, under the same category and object, e.g. the 3D-R2N2 renders [default: the
+    /// objects' own]
     #[arg(long, value_name = "DIR")]
     pub inputs: Option<PathBuf>,
     /// Start the encoder from a trained ResNet-18: torchvision's .pth, or a checkpoint of the original
@@ -108,10 +113,11 @@ impl ObjectsArgs {
 pub enum MethodName {
     /// A compact field on lattices: seconds
     Fast,
-    /// The publication's network, started from the visual hull: minutes; for datasets, of a size for a few cores: an hour
+    /// The publication's network, started from the visual hull: minutes; for datasets, of a size for a few cores: an
+    /// hour
     Network,
-    /// The network with the publication's own settings: minutes for 600 steps (the publication: 300 000); for datasets: months without
-    /// a GPU
+    /// The network with the publication's own settings: minutes for 600 steps (the publication: 300 000); for datasets:
+    /// months without a GPU
     Classic,
     /// The visual hull of the masks, coloured by the photographs: what can be had without any training
     Hull,

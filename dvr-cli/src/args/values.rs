@@ -26,8 +26,8 @@ pub(super) fn parse_shard(text: &str) -> Result<Shard, String> {
     shard.ok_or_else(|| format!("{text:?} is no part; write 1/16, 2/16 and so on up to 16/16"))
 }
 
-/// Reads `name:key=value,key=value`; the key `method` says of what it is a variant, if not of `fast`. Commas within brackets belong to
-/// the value.
+/// Reads `name:key=value,key=value`; the key `method` says of what it is a variant, if not of `fast`. Commas within
+/// brackets belong to the value.
 pub(super) fn parse_variant(text: &str) -> Result<Variant, String> {
     let error = || format!("{text:?} is no variant; write NAME:KEY=VALUE, e.g. no-texture:losses.texture=0");
     let (name, settings) = text.split_once(':').ok_or_else(error)?;

@@ -1,5 +1,5 @@
-//! Trainings as processes of their own, the very commands that a user would give: nothing is warm, their time is theirs, and
-//! whatever becomes of one does not end the others. What is done is stored and not done again.
+//! Trainings as processes of their own, the very commands that a user would give: nothing is warm, their time is
+//! theirs, and whatever becomes of one does not end the others. What is done is stored and not done again.
 
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -82,8 +82,8 @@ impl Job<'_> {
     }
 }
 
-/// What is stored at `path`, or else what `make` gives, stored there. Either way it is what the file says: numbers may differ from
-/// those that were written in their last digit.
+/// What is stored at `path`, or else what `make` gives, stored there. Either way it is what the file says: numbers may
+/// differ from those that were written in their last digit.
 pub fn once<T: Serialize + DeserializeOwned>(path: &Path, make: impl FnOnce() -> Result<T>) -> Result<T> {
     if let Some(stored) = stored(path)? {
         return Ok(stored);

@@ -5,8 +5,8 @@ use image::{GrayImage, Rgb, RgbImage};
 use crate::files::Photo;
 use crate::raster::Mask;
 
-/// The square part of a picture around the object, which `margin` of its larger side surrounds on all sides; what of the
-/// square lies outside the picture is background. `None` where the mask shows no object, or is of another size.
+/// The square part of a picture around the object, which `margin` of its larger side surrounds on all sides; what of
+/// the square lies outside the picture is background. `None` where the mask shows no object, or is of another size.
 pub fn square_around(photo: &Photo, mask: &Mask, margin: f64) -> Option<Photo> {
     if mask.size() != photo.image.dimensions() {
         return None;

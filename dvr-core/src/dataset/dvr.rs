@@ -1,9 +1,9 @@
 //! The layout of the DVR datasets: ShapeNet renders (NMR), DTU, and what `dvr render` writes.
 //!
-//! An object is a folder with `image/`, `mask/`, `depth/` or `visual_hull_depth/` and `cameras.npz`; beside these may lie
-//! `pointcloud.npz` and `points.npz` (the true shape) and `pcl.npz` (points of structure from motion). A view's image is
-//! `camera_mat_i @ world_mat_i @ scale_mat_i @ p`, in `[-1, 1]` with `(-1, -1)` at the top left corner; `scale_mat_i` takes
-//! object space to the world and may be missing (identity).
+//! An object is a folder with `image/`, `mask/`, `depth/` or `visual_hull_depth/` and `cameras.npz`; beside these may
+//! lie `pointcloud.npz` and `points.npz` (the true shape) and `pcl.npz` (points of structure from motion). A view's
+//! image is `camera_mat_i @ world_mat_i @ scale_mat_i @ p`, in `[-1, 1]` with `(-1, -1)` at the top left corner;
+//! `scale_mat_i` takes object space to the world and may be missing (identity).
 
 use std::path::{Path, PathBuf};
 

@@ -1,7 +1,7 @@
 //! The layout of IDR and NeuS: `image/`, `mask/` and `cameras_sphere.npz` (NeuS) or `cameras.npz` (IDR).
 //!
-//! `world_mat_i` = K\[R|t\] takes the world to pixels whose *centres* are at integers; `scale_mat_i` takes the unit sphere
-//! around the object to the world.
+//! `world_mat_i` = K\[R|t\] takes the world to pixels whose *centres* are at integers; `scale_mat_i` takes the unit
+//! sphere around the object to the world.
 
 use std::path::{Path, PathBuf};
 

@@ -6,7 +6,8 @@ use image::{Rgb, RgbImage};
 use crate::files::Photo;
 use crate::raster::Mask;
 
-/// Puts the object on white by its alpha channel, or else by `mask`, pads to a square with white, and scales to `size` pixels.
+/// Puts the object on white by its alpha channel, or else by `mask`, pads to a square with white, and scales to `size`
+/// pixels.
 ///
 /// Every picture that is given to an encoder goes through here, in training and in prediction alike. A mask of another
 /// size than the picture is left out.

@@ -65,12 +65,12 @@ fn first_names(found: &Found) -> String {
     format!("{}{}", names.join(", "), if found.views.len() > 5 { ", ..." } else { "" })
 }
 
-/// Reads all views, in the files' space, with depth in its units; pixels beyond the memory that `options` allow lie in a
-/// scratch file.
+/// Reads all views, in the files' space, with depth in its units; pixels beyond the memory that `options` allow lie in
+/// a scratch file.
 ///
 /// # Errors
-/// Those of the view that comes first: a file missing or damaged, no mask, sizes that differ, an unusable camera, no room
-/// for the scratch file.
+/// Those of the view that comes first: a file missing or damaged, no mask, sizes that differ, an unusable camera, no
+/// room for the scratch file.
 pub(super) fn load_views(found: &mut Found, options: &ReadOptions) -> Result<Vec<View>> {
     if options.downscale == 0 {
         return Err(Error::scene("pictures cannot be scaled down by 0", "Use 1 to keep their size."));
@@ -95,7 +95,8 @@ pub(super) fn load_views(found: &mut Found, options: &ReadOptions) -> Result<Vec
     loaded.into_iter().collect()
 }
 
-/// Reads one view, in the files' space, with depth in its units; `cameras` is the file to name where its camera is unusable.
+/// Reads one view, in the files' space, with depth in its units; `cameras` is the file to name where its camera is
+/// unusable.
 ///
 /// # Errors
 /// As [`load_views`].

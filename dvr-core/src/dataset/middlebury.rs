@@ -18,9 +18,9 @@ use crate::scene::{GroundTruth, Split};
 
 /// Whether pixel centres have integer coordinates, as in the calibration toolboxes of the time.
 ///
-/// Silhouettes do not decide it: the visual hull is largest where the masks agree best, and with masks that are right to
-/// about 2 pixels that is at an offset of (-0.2, 1.7) pixels for the temple and (any, 1.5) for the dinosaur, where this
-/// adds (0.5, 0.5). Half a pixel is a tenth of a millimetre on the object.
+/// Silhouettes do not decide it: the visual hull is largest where the masks agree best, and with masks that are right
+/// to about 2 pixels that is at an offset of (-0.2, 1.7) pixels for the temple and (any, 1.5) for the dinosaur, where
+/// this adds (0.5, 0.5). Half a pixel is a tenth of a millimetre on the object.
 const CENTERS_AT_INTEGERS: bool = true;
 
 /// The file with the cameras at `path`, which may be that file itself.

@@ -11,8 +11,9 @@
 //! # Ok::<(), dvr_core::Error>(())
 //! ```
 //!
-//! A reader turns its files into a list of views with projection matrices, and what is peculiar to its layout (axes, pixel
-//! centres, units) ends there. Reading pixels, finding the object and moving it into the unit cube is the same for all.
+//! A reader turns its files into a list of views with projection matrices, and what is peculiar to its layout (axes,
+//! pixel centres, units) ends there. Reading pixels, finding the object and moving it into the unit cube is the same
+//! for all.
 
 mod colmap;
 mod crop;
@@ -52,10 +53,10 @@ use crate::scene::Scene;
 /// Reads the scene at `path`, a folder or the file with its cameras, in whatever layout it is.
 ///
 /// # Errors
-/// [`Error::Io`] where a file is missing, [`Error::Format`] where one is damaged or does not fit the others, or where the
-/// temporary folder has no room for what [`ReadOptions::max_memory`] puts there,
-/// [`Error::Scene`] where all are sound but make no usable scene: fewer than two views, only empty masks, no place that
-/// agrees with the masks. Each says what was found and what to do.
+/// [`Error::Io`] where a file is missing, [`Error::Format`] where one is damaged or does not fit the others, or where
+/// the temporary folder has no room for what [`ReadOptions::max_memory`] puts there, [`Error::Scene`] where all are
+/// sound but make no usable scene: fewer than two views, only empty masks, no place that agrees with the masks. Each
+/// says what was found and what to do.
 pub fn read_scene(path: &Path, options: &ReadOptions) -> Result<Scene> {
     let format = options.format.map_or_else(|| detect_format(path), Ok)?;
     let mut found = match format {

@@ -1,8 +1,8 @@
 //! Datasets of many objects, of which single views are read when they are needed.
 //!
-//! Opening lists the objects. Which files an object has, and its cameras, is found out when it is first asked for, and kept:
-//! about 100 bytes a view, so that the 44 000 objects of ShapeNet with 24 views each take about 100 MB in the end. Pixels are
-//! never kept.
+//! Opening lists the objects. Which files an object has, and its cameras, is found out when it is first asked for, and
+//! kept: about 100 bytes a view, so that the 44 000 objects of ShapeNet with 24 views each take about 100 MB in the
+//! end. Pixels are never kept.
 
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};

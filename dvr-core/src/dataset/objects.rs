@@ -27,12 +27,13 @@ pub struct ObjectRef {
 
 /// The objects of a dataset in the DVR layout, sorted by category and as the lists have them.
 ///
-/// `root` is the dataset, with a folder for each category, or one category. `train.lst`, `val.lst` and `test.lst` name the
-/// objects of each split, one a line; where there is none, `softras_train.lst` and so on are read. A category without
-/// any list puts all its objects into [`Split::Train`]. With a `split`, only that one is listed.
+/// `root` is the dataset, with a folder for each category, or one category. `train.lst`, `val.lst` and `test.lst` name
+/// the objects of each split, one a line; where there is none, `softras_train.lst` and so on are read. A category
+/// without any list puts all its objects into [`Split::Train`]. With a `split`, only that one is listed.
 ///
 /// # Errors
-/// [`Error::Io`] where a folder or list cannot be read, [`Error::Format`] where a list names an object without a folder.
+/// [`Error::Io`] where a folder or list cannot be read, [`Error::Format`] where a list names an object without a
+/// folder.
 pub fn list_objects(root: &Path, split: Option<Split>) -> Result<Vec<ObjectRef>> {
     let mut objects = Vec::new();
     if is_category(root)? {
@@ -52,7 +53,8 @@ pub fn list_objects(root: &Path, split: Option<Split>) -> Result<Vec<ObjectRef>>
 /// Whether `path` holds several objects in the DVR layout, rather than a scene.
 ///
 /// # Errors
-/// [`Error::Io`] where a folder or list cannot be read, [`Error::Format`] where a list names an object without a folder.
+/// [`Error::Io`] where a folder or list cannot be read, [`Error::Format`] where a list names an object without a
+/// folder.
 pub fn is_object_dataset(path: &Path) -> Result<bool> {
     let is_scene = || cameras_file(path).is_some() || !matches!(detect_format(path), Ok(Format::Dvr));
     Ok(path.is_dir() && !is_scene() && object_folders(path)?.len() > 1)

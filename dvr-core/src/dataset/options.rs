@@ -10,7 +10,8 @@ use crate::error::{Error, Result};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Format {
-    /// The DVR datasets: `image/`, `mask/`, `depth/` and `cameras.npz` with `camera_mat_i`, `world_mat_i`, `scale_mat_i`.
+    /// The DVR datasets: `image/`, `mask/`, `depth/` and `cameras.npz` with `camera_mat_i`, `world_mat_i`,
+    /// `scale_mat_i`.
     Dvr,
     /// NeRF's and nerfstudio's `transforms.json`, or `transforms_{train,val,test}.json`.
     Transforms,
@@ -119,8 +120,8 @@ pub enum Normalise {
 pub struct ReadOptions {
     /// The layout; found out where it is not given.
     pub format: Option<Format>,
-    /// Each `downscale` x `downscale` pixels become one (the mean; the camera is scaled exactly, a rest at the right and
-    /// lower edge is cut off). 1 keeps the size.
+    /// Each `downscale` x `downscale` pixels become one (the mean; the camera is scaled exactly, a rest at the right
+    /// and lower edge is cut off). 1 keeps the size.
     pub downscale: u32,
     /// Make the masks from a plain background, whether or not the files have masks.
     pub background: Option<Background>,
@@ -132,9 +133,9 @@ pub struct ReadOptions {
     pub normalise: Normalise,
     /// DVR layout: take depth from `visual_hull_depth/`, even where there is a `depth/`.
     pub visual_hull_depth: bool,
-    /// Bytes of decoded photographs and masks that are kept in memory (4 a pixel); what is beyond lies in a scratch file in
-    /// the system's temporary folder and is paged in as it is read. Without, everything is in memory. What is computed is
-    /// the same either way. Depth maps stay in memory.
+    /// Bytes of decoded photographs and masks that are kept in memory (4 a pixel); what is beyond lies in a scratch
+    /// file in the system's temporary folder and is paged in as it is read. Without, everything is in memory. What is
+    /// computed is the same either way. Depth maps stay in memory.
     pub max_memory: Option<u64>,
 }
 

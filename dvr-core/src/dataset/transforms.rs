@@ -1,7 +1,7 @@
 //! `transforms.json` of NeRF, instant-ngp and nerfstudio.
 //!
-//! `transform_matrix` takes camera space to the world, with a camera that looks along -z with y up (OpenGL); it becomes a
-//! camera of ours here and nowhere else. Pixel centres are at half integers. Intrinsics stand at the top or in each
+//! `transform_matrix` takes camera space to the world, with a camera that looks along -z with y up (OpenGL); it becomes
+//! a camera of ours here and nowhere else. Pixel centres are at half integers. Intrinsics stand at the top or in each
 //! frame. Documentation: <https://docs.nerf.studio/quickstart/data_conventions.html>.
 
 use std::path::{Path, PathBuf};

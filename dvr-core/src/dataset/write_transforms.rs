@@ -27,8 +27,8 @@ struct Frame<'a> {
     transform_matrix: [[f64; 4]; 4],
 }
 
-/// Writes cameras, each with the path of its picture beside the file, as nerfstudio's `transforms.json`: intrinsics in each frame, camera to
-/// world with y up and a view along -z. Skew, which the format does not know, is left out.
+/// Writes cameras, each with the path of its picture beside the file, as nerfstudio's `transforms.json`: intrinsics in
+/// each frame, camera to world with y up and a view along -z. Skew, which the format does not know, is left out.
 ///
 /// # Errors
 /// When the file cannot be written.

@@ -65,9 +65,9 @@ fn refusal(folder: &Path, source: &std::io::Error) -> Error {
 /// Maps `length` bytes of a scratch file from `offset`, read-only.
 #[allow(unsafe_code)]
 fn map(file: &File, offset: u64, length: usize) -> std::io::Result<Mmap> {
-    // SAFETY: a mapping must not change or shrink while it is borrowed. The file was made by `tempfile_in`, which leaves no
-    // name by which another could open it; its bytes in this range are written already, and `ScratchFile`, which alone
-    // holds the handle, only ever writes behind them and never truncates.
+    // SAFETY: a mapping must not change or shrink while it is borrowed. The file was made by `tempfile_in`, which
+    // leaves no name by which another could open it; its bytes in this range are written already, and `ScratchFile`,
+    // which alone holds the handle, only ever writes behind them and never truncates.
     unsafe { MmapOptions::new().offset(offset).len(length).map(file) }
 }
 

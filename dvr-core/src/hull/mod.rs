@@ -1,8 +1,8 @@
 //! The visual hull: everything that the masks do not rule out (Laurentini 1994), as an occupancy grid.
 //!
 //! It holds the object, is cheap, and needs nothing but cameras and masks. So it serves to find the object
-//! ([`normalisation()`]), to check that masks and cameras belong together ([`silhouette_consistency`]) and to tell where
-//! there is certainly nothing.
+//! ([`normalisation()`]), to check that masks and cameras belong together ([`silhouette_consistency`]) and to tell
+//! where there is certainly nothing.
 
 mod carve;
 mod consistency;
@@ -63,8 +63,8 @@ pub struct HullSettings {
     /// Whether a voxel counts when its *projection touches* the mask, the default, so that a rod or a plate that is
     /// thinner than a voxel or a pixel is kept; otherwise the voxel's centre decides, which does not overestimate.
     pub conservative: bool,
-    /// Pixels by which every mask may be wrong; 0.5 by default, since a mask tells about the centres of its pixels: with
-    /// 0, a third of a surface seen at 64x64 pixels is carved away. Rods thinner than a pixel, which masks show in
+    /// Pixels by which every mask may be wrong; 0.5 by default, since a mask tells about the centres of its pixels:
+    /// with 0, a third of a surface seen at 64x64 pixels is carved away. Rods thinner than a pixel, which masks show in
     /// pieces, need 1 and some views that may disagree.
     pub margin: f64,
 }

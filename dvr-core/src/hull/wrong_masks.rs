@@ -16,7 +16,8 @@ const MINORITY: usize = 4;
 /// Voxels along an edge while wrong masks are looked for.
 const RESOLUTION: usize = 48;
 
-/// A mask is wrong when more than this share of its object is nothing to most of the others: a right one has next to none.
+/// A mask is wrong when more than this share of its object is nothing to most of the others: a right one has next to
+/// none.
 const WRONG: f64 = 0.3;
 
 /// A mask is wrong, too, when it sees this share of what most of the others agree on as background.
@@ -24,8 +25,8 @@ const BLIND: f64 = 0.9;
 
 /// Views whose masks show something else than most of the others, or nothing; in order.
 ///
-/// A right mask's object is explained by what three quarters of all views do not rule out, whatever the rest says. One that
-/// is not is wrong as a whole. None is where more than a quarter would be: those cannot be told from the rest.
+/// A right mask's object is explained by what three quarters of all views do not rule out, whatever the rest says. One
+/// that is not is wrong as a whole. None is where more than a quarter would be: those cannot be told from the rest.
 ///
 /// # Errors
 /// When a mask has another size than its camera's image, or the box is empty.

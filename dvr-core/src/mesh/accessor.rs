@@ -1,6 +1,7 @@
 //! The numbers behind a glTF accessor, with every range checked.
 //!
-//! The `gltf` crate's own readers panic on accessors of an unexpected type or without elements; files come from anywhere.
+//! The `gltf` crate's own readers panic on accessors of an unexpected type or without elements; files come from
+//! anywhere.
 
 use std::path::{Path, PathBuf};
 

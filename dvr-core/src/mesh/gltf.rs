@@ -1,4 +1,5 @@
-//! Reading glTF 2.0, text and binary. (`registry.khronos.org/glTF/specs/2.0/glTF-2.0.html`; parsed by the `gltf` crate.)
+//! Reading glTF 2.0, text and binary. (`registry.khronos.org/glTF/specs/2.0/glTF-2.0.html`; parsed by the `gltf`
+//! crate.)
 
 use std::path::Path;
 

@@ -70,8 +70,8 @@ impl Default for UvTransform {
 }
 
 impl UvTransform {
-    /// Translation * rotation * scale of a coordinate from the file; the rotation is the extension's, which is clockwise
-    /// in a plane whose second axis points up.
+    /// Translation * rotation * scale of a coordinate from the file; the rotation is the extension's, which is
+    /// clockwise in a plane whose second axis points up.
     pub fn apply(&self, uv: Vec2) -> Vec2 {
         let (sin, cos) = self.rotation.sin_cos();
         let scaled = uv * self.scale;

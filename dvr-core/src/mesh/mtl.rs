@@ -1,5 +1,5 @@
-//! Materials of Wavefront OBJ files: the base colour and its texture; everything else in a library is about looks that a
-//! Lambert surface does not have.
+//! Materials of Wavefront OBJ files: the base colour and its texture; everything else in a library is about looks that
+//! a Lambert surface does not have.
 
 use std::path::Path;
 

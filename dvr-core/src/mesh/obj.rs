@@ -1,7 +1,7 @@
 //! Wavefront OBJ. (`paulbourke.net/dataformats/obj`; vertex colours after the position are the common extension.)
 //!
-//! Parsed here rather than by the `tobj` crate: that one cuts a mesh into pieces by material, which loses the order and the
-//! sharing of vertices, cannot say in which line a mistake is, and panics on `Kd` with a single value.
+//! Parsed here rather than by the `tobj` crate: that one cuts a mesh into pieces by material, which loses the order and
+//! the sharing of vertices, cannot say in which line a mistake is, and panics on `Kd` with a single value.
 
 use std::collections::HashMap;
 use std::fmt::Write;

@@ -1,5 +1,6 @@
-//! The Object File Format of Geomview: `OFF`, with colours (`COFF`), normals (`NOFF`) and texture coordinates (`STOFF`).
-//! (`www.geomview.org/docs/html/OFF.html`; ASCII only. ModelNet's files, which join the header and the counts, are read.)
+//! The Object File Format of Geomview: `OFF`, with colours (`COFF`), normals (`NOFF`) and texture coordinates
+//! (`STOFF`). (`www.geomview.org/docs/html/OFF.html`; ASCII only. ModelNet's files, which join the header and the
+//! counts, are read.)
 
 use std::path::Path;
 

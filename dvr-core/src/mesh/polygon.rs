@@ -4,8 +4,8 @@ use glam::{Vec2, Vec3};
 
 /// Triangles that cover a simple polygon, as indices into its corners, with the polygon's winding.
 ///
-/// Ear clipping (Meisters 1975) in the plane of the Newell normal: right for concave outlines, and never fails; a polygon
-/// that crosses itself or has no area is cut into a fan. Fewer than three corners give nothing.
+/// Ear clipping (Meisters 1975) in the plane of the Newell normal: right for concave outlines, and never fails; a
+/// polygon that crosses itself or has no area is cut into a fan. Fewer than three corners give nothing.
 pub(super) fn triangulate(corners: &[Vec3]) -> Vec<[usize; 3]> {
     let fan = || (1..corners.len().saturating_sub(1)).map(|i| [0, i, i + 1]).collect();
     if corners.len() <= 3 {

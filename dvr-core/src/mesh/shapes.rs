@@ -90,9 +90,9 @@ pub struct Frame {
 
 /// The surface that an outline sweeps out along a row of frames: tubes, bars, horns.
 ///
-/// The outline runs counter-clockwise; `x.cross(y)` of a frame points the way the sweep goes. A `closed` sweep ends where it
-/// began; an open one gets flat lids, fans around the outline's centre, so the outline must be star-shaped from there.
-/// Vertices are the outlines one after the other; normals are averaged over the faces of the mantle.
+/// The outline runs counter-clockwise; `x.cross(y)` of a frame points the way the sweep goes. A `closed` sweep ends
+/// where it began; an open one gets flat lids, fans around the outline's centre, so the outline must be star-shaped
+/// from there. Vertices are the outlines one after the other; normals are averaged over the faces of the mantle.
 pub fn loft(frames: &[Frame], outline: &[Vec2], closed: bool) -> Mesh {
     let place = |frame: &Frame, p: Vec2| frame.center + p.x * frame.x + p.y * frame.y;
     let mut vertices: Vec<Vec3> = frames.iter().flat_map(|f| outline.iter().map(|&p| place(f, p))).collect();
@@ -124,8 +124,8 @@ pub fn loft(frames: &[Frame], outline: &[Vec2], closed: bool) -> Mesh {
     Mesh { vertices, faces, normals: Some(normals), ..Mesh::default() }
 }
 
-/// A surface of revolution around the y axis: the profile `(radius, y)` runs from the lower pole over the outside to the
-/// upper one (or back inside: a cup). Points of radius 0 lie on the axis; the first and last should.
+/// A surface of revolution around the y axis: the profile `(radius, y)` runs from the lower pole over the outside to
+/// the upper one (or back inside: a cup). Points of radius 0 lie on the axis; the first and last should.
 ///
 /// `around` is how many corners a circle has. Normals are averaged over neighbouring faces.
 pub fn revolve(profile: &[Vec2], around: u32) -> Mesh {

@@ -1,7 +1,8 @@
 //! Moving a reconstruction onto the truth before the two are compared.
 //!
-//! Photographs do not tell where an object stands, how it is turned and how large it is: cameras do, and where these are wrong, so is
-//! that. A shape is then compared after the similarity is taken out that brings it nearest to the truth.
+//! Photographs do not tell where an object stands, how it is turned and how large it is: cameras do, and where these
+//! are wrong, so is that. A shape is then compared after the similarity is taken out that brings it nearest to the
+//! truth.
 
 use glam::{DQuat, DVec3};
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
@@ -21,8 +22,9 @@ const SETTLED: f64 = 1e-7;
 /// Damping, as a share of the largest entry on the diagonal: a ball can be turned without coming nearer.
 const DAMPING: f64 = 1e-9;
 
-/// The similarity that brings points of a surface nearest to the true surface: iterated closest points with the distance to the
-/// tangent plane (Chen and Medioni 1992), from where the points lie. It is meant for small displacements.
+/// The similarity that brings points of a surface nearest to the true surface: iterated closest points with the
+/// distance to the tangent plane (Chen and Medioni 1992), from where the points lie. It is meant for small
+/// displacements.
 ///
 /// # Errors
 /// When one of the clouds has no points, or the true one no normals.

@@ -39,8 +39,8 @@ pub fn psnr(predicted: &RgbImage, truth: &RgbImage, mask: Option<&Mask>) -> Resu
 /// Structural similarity (Wang, Bovik, Sheikh and Simoncelli 2004), 1 for equal pictures.
 ///
 /// As in the paper: a Gaussian window of 11x11 pixels with standard deviation 1.5, `K1 = 0.01`, `K2 = 0.03`, weighted
-/// moments without Bessel's correction, and the mean over the windows that lie wholly in the picture. The paper is about
-/// grey values; here it is the mean over the three channels, as the field computes it. A picture smaller than the
+/// moments without Bessel's correction, and the mean over the windows that lie wholly in the picture. The paper is
+/// about grey values; here it is the mean over the three channels, as the field computes it. A picture smaller than the
 /// window is compared through a window of its own size.
 ///
 /// # Errors

@@ -21,8 +21,8 @@ pub struct SynthConfig {
     pub jitter: f64,
     /// Distance of the cameras from the middle of the object, in object units; 1.5.
     pub distance: f64,
-    /// Focal length in halves of the image's shorter side; 1.75. At the default distance a ball of diameter 0.9 fills half of
-    /// the frame, and only a box that is as wide as it is high and deep may reach past the frame with a corner.
+    /// Focal length in halves of the image's shorter side; 1.75. At the default distance a ball of diameter 0.9 fills
+    /// half of the frame, and only a box that is as wide as it is high and deep may reach past the frame with a corner.
     pub focal: f64,
     /// Longest edge of the object's bounding box in object units, i.e. within the cube of edge 1; 0.9.
     pub object_edge: f64,
@@ -135,15 +135,16 @@ pub enum CameraPlacement {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum EdgeColor {
-    /// The object's colour, where it fills half of the pixel or more, and else the background's. Image and mask agree, and
-    /// no background bleeds into what the texture is learned from.
+    /// The object's colour, where it fills half of the pixel or more, and else the background's. Image and mask agree,
+    /// and no background bleeds into what the texture is learned from.
     #[default]
     Object,
     /// Object and background in proportion, as a camera and most renderers have it.
     Mixed,
 }
 
-/// Light that is fixed to the object, so that its colours are the same from everywhere (but for `headlight` and `specular`).
+/// Light that is fixed to the object, so that its colours are the same from everywhere (but for `headlight` and
+/// `specular`).
 ///
 /// Intensities are linear: a white surface that faces a light of intensity 1 reflects 1.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

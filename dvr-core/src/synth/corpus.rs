@@ -57,12 +57,12 @@ pub struct CorpusReport {
 /// Renders every object of a collection, and writes the lists of each category.
 ///
 /// An object whose mesh is broken is reported and skipped; one whose folder is there already is kept, so a run that was
-/// stopped can be taken up again. Objects are divided at random by `ratios`, by the configuration's seed; the only object of
-/// a category is in all three lists. `progress` is told how many objects are done, and of how many.
+/// stopped can be taken up again. Objects are divided at random by `ratios`, by the configuration's seed; the only
+/// object of a category is in all three lists. `progress` is told how many objects are done, and of how many.
 ///
 /// # Errors
-/// [`Error::Scene`] where the configuration is unusable or two objects share a name; [`Error::Io`] where something cannot be
-/// written.
+/// [`Error::Scene`] where the configuration is unusable or two objects share a name; [`Error::Io`] where something
+/// cannot be written.
 pub fn render_corpus(
     objects: &[CorpusObject],
     out: &Path,

@@ -21,17 +21,18 @@ use crate::sampling::{sample_cube, sample_surface};
 
 /// Renders a mesh to `<out>/<category>/<name>`, and adds it to the lists of the category and to `<out>/metadata.yaml`.
 ///
-/// The object is in all three lists, `train.lst`, `val.lst` and `test.lst`: a scene of its own. `progress` is told how many
-/// views are done, and of how many, from whichever thread finishes one. The folder appears when everything is in it.
+/// The object is in all three lists, `train.lst`, `val.lst` and `test.lst`: a scene of its own. `progress` is told how
+/// many views are done, and of how many, from whichever thread finishes one. The folder appears when everything is in
+/// it.
 ///
 /// Files: `image/%04d.png`, `mask/%04d.png` (0 or 255), `depth/%04d.exr` (z in the mesh's units, background `+inf`),
 /// `cameras.npz` (`camera_mat_i`, `world_mat_i`, `scale_mat_i`), `pointcloud.npz` (surface points and normals in object
-/// space; `loc` and `scale` lead to the mesh's units), `points.npz` (points of the padded cube in object space, and whether
-/// each is inside by its winding number, so that overlapping parts are united and small holes are closed).
+/// space; `loc` and `scale` lead to the mesh's units), `points.npz` (points of the padded cube in object space, and
+/// whether each is inside by its winding number, so that overlapping parts are united and small holes are closed).
 ///
 /// # Errors
-/// [`Error::Scene`] where the mesh has no extent, the configuration or a name is unusable, or the folder is there already;
-/// [`Error::Io`] where something cannot be written.
+/// [`Error::Scene`] where the mesh has no extent, the configuration or a name is unusable, or the folder is there
+/// already; [`Error::Io`] where something cannot be written.
 pub fn render_dataset(
     mesh: &TexturedMesh,
     name: &str,
@@ -134,8 +135,8 @@ pub struct Shot {
     pub picture: RenderedView,
 }
 
-/// Writes pictures that were taken, and perhaps tampered with, by the caller to `<out>/<category>/<name>`, with the true
-/// shape of `mesh` beside them; everything in object space. A folder of that name is replaced.
+/// Writes pictures that were taken, and perhaps tampered with, by the caller to `<out>/<category>/<name>`, with the
+/// true shape of `mesh` beside them; everything in object space. A folder of that name is replaced.
 ///
 /// # Errors
 /// [`Error::Scene`] where a name is unusable; [`Error::Io`] where something cannot be written.

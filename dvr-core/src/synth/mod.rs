@@ -1,7 +1,7 @@
 //! Rendering meshes into datasets: ground truth for experiments, from any model.
 //!
-//! A ray caster in the layout of the DVR datasets: textured meshes in, pictures with masks, depth maps, cameras, surface
-//! points and occupancies out.
+//! A ray caster in the layout of the DVR datasets: textured meshes in, pictures with masks, depth maps, cameras,
+//! surface points and occupancies out.
 //!
 //! ```
 //! use dvr_core::mesh::{TexturedMesh, shapes};

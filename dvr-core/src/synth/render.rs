@@ -22,8 +22,8 @@ pub struct RenderedView {
     pub image: RgbImage,
     /// 255 where the object fills at least half of the pixel, else 0.
     pub mask: Mask,
-    /// z at the *centre* of each pixel, in the units of the mesh; `+inf` where that ray misses. On silhouettes it may say
-    /// otherwise than the mask, which speaks of the whole pixel.
+    /// z at the *centre* of each pixel, in the units of the mesh; `+inf` where that ray misses. On silhouettes it may
+    /// say otherwise than the mask, which speaks of the whole pixel.
     pub depth: DepthMap,
 }
 
@@ -110,8 +110,8 @@ impl<'a> MeshRenderer<'a> {
     }
 }
 
-/// `n * n` places in the unit square, one in each cell of a grid, no two in a row or column of the finer one: edges along the
-/// axes get `n^2 + 1` shades (the canonical arrangement of Kensler's multi-jittered sampling, 2013).
+/// `n * n` places in the unit square, one in each cell of a grid, no two in a row or column of the finer one: edges
+/// along the axes get `n^2 + 1` shades (the canonical arrangement of Kensler's multi-jittered sampling, 2013).
 fn sample_offsets(n: u32) -> Vec<DVec2> {
     let fine = f64::from(n * n);
     (0..n)

@@ -59,8 +59,8 @@ fn normals(textured: &TexturedMesh, hit: &RayHit, to_camera: DVec3) -> (DVec3, D
     (face_normal, if normal.dot(face_normal) < 0.0 { -normal } else { normal })
 }
 
-/// Linear base colour at a hit: material, texture and vertex colours multiplied. Alpha is passed over: the picture has to
-/// show the geometry that the ground truth is taken from.
+/// Linear base colour at a hit: material, texture and vertex colours multiplied. Alpha is passed over: the picture has
+/// to show the geometry that the ground truth is taken from.
 pub(super) fn albedo(textured: &TexturedMesh, hit: &RayHit) -> Vec3 {
     let face = hit.face as usize;
     let weights = hit.barycentric.map(|w| w as f32);

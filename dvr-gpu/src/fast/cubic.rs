@@ -29,8 +29,8 @@ impl Cubic {
         (3.0f32 * self.c3 * t + 2.0f32 * self.c2) * t + self.c1
     }
 
-    /// The smallest `t` in `[0, 1]` at which a cubic that starts negative reaches zero, [`NOWHERE`] where it stays negative; 0 where
-    /// it does not start negative.
+    /// The smallest `t` in `[0, 1]` at which a cubic that starts negative reaches zero, [`NOWHERE`] where it stays
+    /// negative; 0 where it does not start negative.
     pub fn first_crossing(&self) -> f32 {
         let mut crossing = f32::new(NOWHERE);
         if self.c0 >= 0.0f32 {

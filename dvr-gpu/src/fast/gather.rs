@@ -1,7 +1,8 @@
 //! From lessons to gradients at the active nodes, in whole numbers: they add up to the same in whatever order.
 //!
-//! A number is cut in two parts: one in units of the largest number that any lesson adds to a node, over `steps`, and what is left in
-//! units finer by `steps` again. `steps` is a power of two so small that neither sum overflows; together they keep all bits of an f32.
+//! A number is cut in two parts: one in units of the largest number that any lesson adds to a node, over `steps`, and
+//! what is left in units finer by `steps` again. `steps` is a power of two so small that neither sum overflows;
+//! together they keep all bits of an f32.
 
 #![allow(missing_docs)]
 
@@ -106,8 +107,8 @@ fn excess(values: &[f32], node: usize, nodes: usize) -> f32 {
     sum / 6.0f32 - values[node]
 }
 
-/// The gradient by the shape, and the slope of each node's roughness. `most[2]` becomes the number of nodes near the surface, and
-/// `roughness [groups]` the sum of their roughness in each group of work-items.
+/// The gradient by the shape, and the slope of each node's roughness. `most[2]` becomes the number of nodes near the
+/// surface, and `roughness [groups]` the sum of their roughness in each group of work-items.
 #[cube(launch)]
 pub(super) fn gather_shape(
     active: &[u32],

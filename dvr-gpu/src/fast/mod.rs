@@ -1,7 +1,8 @@
 //! Training of a field on lattices: rays, lessons, gradients, Adam and the map of empty cells as kernels.
 //!
-//! What is learned stays on the device from step to step. A step is given its rays, some words each, and tells nothing unless it is
-//! asked. Its results do not depend on the order in which work-items run: the same device gives the same bits.
+//! What is learned stays on the device from step to step. A step is given its rays, some words each, and tells nothing
+//! unless it is asked. Its results do not depend on the order in which work-items run: the same device gives the same
+//! bits.
 
 mod buffer;
 mod cross_view;
@@ -68,10 +69,11 @@ pub struct Photograph {
 pub struct Photographs {
     /// One after the other.
     pub views: Vec<Photograph>,
-    /// Their pixels, row by row: red, green and blue from the lowest byte on, and 1 in the highest where the object is shown.
+    /// Their pixels, row by row: red, green and blue from the lowest byte on, and 1 in the highest where the object is
+    /// shown.
     pub pixels: Vec<u32>,
-    /// Their pixels' z-depths, `f32::MAX` where nothing was measured (devices need not know what is not finite); empty without depth
-    /// maps.
+    /// Their pixels' z-depths, `f32::MAX` where nothing was measured (devices need not know what is not finite); empty
+    /// without depth maps.
     pub z_depths: Vec<f32>,
 }
 
@@ -125,9 +127,9 @@ pub struct LatticeStep<'a> {
 /// What a step's losses were.
 #[derive(Clone, Debug)]
 pub struct LatticeSums {
-    /// The rays' lessons, [`LESSON_COLUMNS`] numbers each: the point, the gradients by the shape's value and
-    /// by the colour; then the losses by colour, cross-view colour, structure, depth and mask, and whether the ray hits and shows the
-    /// object, and does either.
+    /// The rays' lessons, [`LESSON_COLUMNS`] numbers each: the point, the gradients by the shape's value and by the
+    /// colour; then the losses by colour, cross-view colour, structure, depth and mask, and whether the ray hits and
+    /// shows the object, and does either.
     pub lessons: Vec<f32>,
     /// Mean roughness of the nodes near the surface.
     pub roughness: f32,

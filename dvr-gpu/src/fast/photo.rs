@@ -6,8 +6,8 @@ use cubecl::prelude::*;
 
 use crate::space::{Point, lerp};
 
-/// Numbers a view in the table of views: centre, pixel to direction, projection, offset (matrices column by column), width,
-/// height, and where its pixels begin.
+/// Numbers a view in the table of views: centre, pixel to direction, projection, offset (matrices column by column),
+/// width, height, and where its pixels begin.
 pub(super) const VIEW_COLUMNS: usize = 27;
 
 /// A view, by its place in the table.

@@ -1,4 +1,5 @@
-//! Levels of lattices of which each has half the cells of the next: gradients go down, Adam moves parameters, sums come up.
+//! Levels of lattices of which each has half the cells of the next: gradients go down, Adam moves parameters, sums come
+//! up.
 
 #![allow(missing_docs)]
 
@@ -56,8 +57,9 @@ fn share(offset: u32) -> f32 {
     select(offset == 1u32, 1.0f32, 0.5f32)
 }
 
-/// A step of Adam at the active nodes of a level, and the sum of this level, of `base` and of the coarser levels' sum (where
-/// `has_coarser` is not 0) there. `rate` and `scale` are the step size and the factor of the second means without their bias.
+/// A step of Adam at the active nodes of a level, and the sum of this level, of `base` and of the coarser levels' sum
+/// (where `has_coarser` is not 0) there. `rate` and `scale` are the step size and the factor of the second means
+/// without their bias.
 #[cube(launch)]
 pub(super) fn descend(
     active: &[u32],

@@ -10,7 +10,8 @@ use super::walk::{FAR, Region, first_crossing, walk};
 use super::weights::Weights;
 use crate::space::{Point, grid};
 
-/// Numbers of a lesson: point, gradient by the shape's value, by the colour; then the ray's losses by colour, cross-view colour, structure, depth and mask, and whether it hits and shows the object, and does either.
+/// Numbers of a lesson: point, gradient by the shape's value, by the colour; then the ray's losses by colour,
+/// cross-view colour, structure, depth and mask, and whether it hits and shows the object, and does either.
 pub const LESSON_COLUMNS: usize = 14;
 
 /// A view of none, a node that carries no parameters.
@@ -19,9 +20,9 @@ pub(super) const NONE: u32 = u32::MAX;
 /// Below every value.
 const NOTHING: f32 = -3.0e38;
 
-/// Follows the rays `first..first + count` of `picks` (for each: view, pixel, then `compared` other views to compare with) and writes
-/// down a lesson each; `most[0]` and `most[1]` are raised to the bits of the largest number that a lesson adds to a node of the shape
-/// and of the colour.
+/// Follows the rays `first..first + count` of `picks` (for each: view, pixel, then `compared` other views to compare
+/// with) and writes down a lesson each; `most[0]` and `most[1]` are raised to the bits of the largest number that a
+/// lesson adds to a node of the shape and of the colour.
 #[cube(launch)]
 pub(super) fn follow(
     picks: &[u32],
@@ -181,8 +182,8 @@ fn surface_lesson(
     lessons[at + 6] = by_color * sign.z;
 }
 
-/// A ray that hits though its pixel shows background (`sign` 1), or misses though it shows the object (-1): the point of the largest
-/// value beyond `from` is pushed out, or in.
+/// A ray that hits though its pixel shows background (`sign` 1), or misses though it shows the object (-1): the point
+/// of the largest value beyond `from` is pushed out, or in.
 #[cube]
 fn mask_lesson(
     values: &[f32],

@@ -143,7 +143,8 @@ impl Stage {
     }
 }
 
-/// The smallest box of cells that holds all that can ever be inside: from the first up to but without the second corner.
+/// The smallest box of cells that holds all that can ever be inside: from the first up to but without the second
+/// corner.
 fn region(nodes: usize, active: &[u32], values: &[f32]) -> [[u32; 3]; 2] {
     let (mut low, mut high) = ([u32::MAX; 3], [0; 3]);
     let (edge, last) = (nodes as u32, nodes as u32 - 1);

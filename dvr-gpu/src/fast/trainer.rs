@@ -80,7 +80,8 @@ impl LatticeTrainer {
         Ok(())
     }
 
-    /// Brings rays for the steps to come: for each its view, its pixel, and `compared` other views, `u32::MAX` for none.
+    /// Brings rays for the steps to come: for each its view, its pixel, and `compared` other views, `u32::MAX` for
+    /// none.
     ///
     /// # Errors
     /// When they are too many for the device.

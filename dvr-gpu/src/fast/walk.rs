@@ -1,4 +1,5 @@
-//! The cells that a ray passes through, and where it first meets the surface, inside a kernel: the twin of `dvr_kernels::SignMap`.
+//! The cells that a ray passes through, and where it first meets the surface, inside a kernel: the twin of
+//! `dvr_kernels::SignMap`.
 
 #![allow(missing_docs)]
 
@@ -215,8 +216,8 @@ impl Walk {
     }
 }
 
-/// Ray depth, between `from` and `to`, at which the interpolated values first reach zero from below; [`NOWHERE`] where they never
-/// do, and where the ray starts inside.
+/// Ray depth, between `from` and `to`, at which the interpolated values first reach zero from below; [`NOWHERE`] where
+/// they never do, and where the ray starts inside.
 #[cube]
 pub(super) fn first_crossing(
     values: &[f32],

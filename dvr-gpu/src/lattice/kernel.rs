@@ -89,8 +89,8 @@ pub(super) fn bound(
 /// The largest sum of a node, in units of its last bit: a power of two below the largest whole number.
 const FULL: f32 = 1_073_741_824.0;
 
-/// Adds what each point says of its cell's corners to `sums [nodes, C]`, in whole numbers of `most * count / 2^30`: they add up to
-/// the same in whatever order.
+/// Adds what each point says of its cell's corners to `sums [nodes, C]`, in whole numbers of `most * count / 2^30`:
+/// they add up to the same in whatever order.
 #[cube(launch)]
 pub(super) fn scatter(
     points: &[f32],
@@ -141,7 +141,8 @@ pub(super) fn gathered(sums: &[i32], most: &[f32], out: &mut [f32], length: u32,
     }
 }
 
-/// The gradient by points, `out [n, 3]`, or with `jet` by points and directions, `out [n, 6]`, given that by values (and derivatives).
+/// The gradient by points, `out [n, 3]`, or with `jet` by points and directions, `out [n, 6]`, given that by values
+/// (and derivatives).
 #[cube(launch)]
 pub(super) fn by_points(
     values: &[f32],

@@ -1,7 +1,8 @@
 //! Trilinear interpolation on the device, with everything that differentiation asks of it.
 //!
-//! Gradients by the nodes' values are added up in whole numbers: floating-point sums of many work-items differ from run to run, and
-//! not all devices have them. The unit of these sums is the largest possible sum over `2^30`, so that nothing overflows.
+//! Gradients by the nodes' values are added up in whole numbers: floating-point sums of many work-items differ from run
+//! to run, and not all devices have them. The unit of these sums is the largest possible sum over `2^30`, so that
+//! nothing overflows.
 
 mod kernel;
 mod place;
@@ -87,7 +88,8 @@ pub fn lattice_interpolate(query: &LatticeQuery, values: &Float) -> Float {
     out
 }
 
-/// The gradient by the nodes' values, `[nodes^3, C]`, from that by [`lattice_interpolate`]'s answer: the same bits in every run.
+/// The gradient by the nodes' values, `[nodes^3, C]`, from that by [`lattice_interpolate`]'s answer: the same bits in
+/// every run.
 pub fn lattice_by_values(query: &LatticeQuery, by: &Float) -> Float {
     let count = query.count();
     let numbers = query.nodes.pow(3);
@@ -145,8 +147,8 @@ pub fn lattice_by_values(query: &LatticeQuery, by: &Float) -> Float {
     out
 }
 
-/// The gradient by the points, `[n, 3]`, from that by [`lattice_interpolate`]'s answer; with directions `[n, 6]`, that by the points and
-/// then by the directions.
+/// The gradient by the points, `[n, 3]`, from that by [`lattice_interpolate`]'s answer; with directions `[n, 6]`, that
+/// by the points and then by the directions.
 pub fn lattice_by_points(query: &LatticeQuery, values: &Float, by: &Float) -> Float {
     let (count, jet) = (query.count(), query.directions.is_some());
     let out = query.blank(count, if jet { 6 } else { 3 });

@@ -1,4 +1,5 @@
-//! Where a point lies in a lattice, inside a kernel, with what differentiation asks of it: the twin of `dvr_kernels::interpolate`.
+//! Where a point lies in a lattice, inside a kernel, with what differentiation asks of it: the twin of
+//! `dvr_kernels::interpolate`.
 
 #![allow(missing_docs)]
 

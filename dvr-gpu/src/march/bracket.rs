@@ -30,7 +30,8 @@ impl Bracket {
         }
     }
 
-    /// Begins between the last sample outside and the first inside, whose logits have these signs: negative, not negative.
+    /// Begins between the last sample outside and the first inside, whose logits have these signs: negative, not
+    /// negative.
     pub fn begin(&self, outside: f32, outside_logit: f32, inside: f32, inside_logit: f32, #[comptime] root: Root) {
         self.x1.store(inside);
         self.f1.store(inside_logit);

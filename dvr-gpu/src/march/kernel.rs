@@ -1,7 +1,8 @@
 //! The march itself: each group of units takes some rays, and keeps a few of them in flight.
 //!
-//! A ray in flight is either still looking for the first sample inside, or narrowing its bracket; each round asks the field at
-//! one point of each. Rays that are done make room for the next at once, so that no unit waits for the longest.
+//! A ray in flight is either still looking for the first sample inside, or narrowing its bracket; each round asks the
+//! field at one point of each. Rays that are done make room for the next at once, so that no unit waits for the
+//! longest.
 
 #![allow(missing_docs)]
 

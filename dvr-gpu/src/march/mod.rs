@@ -19,7 +19,8 @@ use plan::{DecoderShape, Search};
 /// Parameters of a residual decoder on a graphics processor, as they are packed for the kernel.
 #[derive(Clone, Debug)]
 pub struct PackedDecoder {
-    /// Layer after layer its weights `[inputs, outputs]`, row by row, then its biases; of the last layer the first column alone.
+    /// Layer after layer its weights `[inputs, outputs]`, row by row, then its biases; of the last layer the first
+    /// column alone.
     pub weights: Tensor<1>,
     /// What each block adds of the codes of the objects, `[blocks * objects, hidden]`; `None` without codes.
     pub conditions: Option<Tensor<2>>,
@@ -54,11 +55,11 @@ pub struct RaySearch {
     pub root_steps: usize,
 }
 
-/// Marches rays through a decoder: `[n, 3]`, for each ray its fate (0 misses, 1 hits, 2 starts inside), the depth at which it hits, and
-/// the depth of the sample with the largest logit among those that were looked at.
+/// Marches rays through a decoder: `[n, 3]`, for each ray its fate (0 misses, 1 hits, 2 starts inside), the depth at
+/// which it hits, and the depth of the sample with the largest logit among those that were looked at.
 ///
-/// `None` where the device cannot run the kernel: it is no graphics processor, has too little memory for a group, or the numbers are
-/// not of single precision.
+/// `None` where the device cannot run the kernel: it is no graphics processor, has too little memory for a group, or
+/// the numbers are not of single precision.
 pub fn march_decoder(decoder: &PackedDecoder, search: &RaySearch) -> Option<Tensor<2>> {
     let device = decoder.weights.device();
     let hardware = crate::open::client(&device)?.properties().hardware.clone();
@@ -101,7 +102,8 @@ pub fn march_decoder(decoder: &PackedDecoder, search: &RaySearch) -> Option<Tens
     )))
 }
 
-/// Groups that keep a large card busy: where there are fewer rays, each group takes on no more than it has in flight at once.
+/// Groups that keep a large card busy: where there are fewer rays, each group takes on no more than it has in flight at
+/// once.
 const CUBES: usize = 1024;
 
 /// Rays that a group takes on for each that it has in flight: enough for short ones to make up for long ones.

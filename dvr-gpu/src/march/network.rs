@@ -1,7 +1,7 @@
 //! The residual decoder inside a kernel: all units of a group push a tile of points through its layers together.
 //!
-//! A unit owns some columns of each layer, and keeps what they have become in registers; the group's shared memory holds what
-//! all units must see: the layer's inputs. Each weight is read once a tile, and serves all its points.
+//! A unit owns some columns of each layer, and keeps what they have become in registers; the group's shared memory
+//! holds what all units must see: the layer's inputs. Each weight is read once a tile, and serves all its points.
 
 // What `#[cube]` generates beside each function has no documentation.
 #![allow(missing_docs)]
@@ -13,7 +13,8 @@ use super::plan::DecoderShape;
 /// Numbers a ray in the kernels' table of rays: origin, direction, entry, exit, jitter, object.
 pub(super) const RAY_COLUMNS: usize = 10;
 
-/// Numbers of four points side by side: one instruction reads them from shared memory, where one a number would be the bottleneck.
+/// Numbers of four points side by side: one instruction reads them from shared memory, where one a number would be the
+/// bottleneck.
 pub(super) type Quad = Vector<f32, Const<4>>;
 
 /// What a group of units shares while it evaluates a tile of points.
@@ -129,7 +130,8 @@ fn encode(tile: &mut Tile, #[comptime] shape: DecoderShape) {
     }
 }
 
-/// A layer: `outputs = inputs W + b` for the unit's columns, with `W [count, hidden]` and `b [hidden]` after it, from `at` on.
+/// A layer: `outputs = inputs W + b` for the unit's columns, with `W [count, hidden]` and `b [hidden]` after it, from
+/// `at` on.
 #[cube]
 fn linear(
     inputs: &Shared<[Quad]>,

@@ -23,8 +23,8 @@ impl LinearWeights<'_> {
 /// Outputs that lie side by side in the packed weights.
 pub(super) const BLOCK: usize = 8;
 
-/// Weights of [`BLOCK`] outputs for each input, then the next outputs: `[outputs / BLOCK][inputs][BLOCK]`, filled up with zeros.
-/// Networks of several objects share them.
+/// Weights of [`BLOCK`] outputs for each input, then the next outputs: `[outputs / BLOCK][inputs][BLOCK]`, filled up
+/// with zeros. Networks of several objects share them.
 type PackedWeights = Arc<[[f32; BLOCK]]>;
 
 /// A layer.

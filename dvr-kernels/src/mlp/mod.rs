@@ -20,8 +20,8 @@ use tile::{Forward, Tile};
 /// A residual network, packed for tiles.
 ///
 /// `net = input(features(p))`; a block is `net + second(relu(first(relu(net))))`; the values are
-/// `output(activation(net))`, where the last activation is a leaky ReLU. `features` are the coordinates and, for `k < octaves`,
-/// `sin(2^k pi p)` and `cos(2^k pi p)`.
+/// `output(activation(net))`, where the last activation is a leaky ReLU. `features` are the coordinates and, for `k <
+/// octaves`, `sin(2^k pi p)` and `cos(2^k pi p)`.
 #[derive(Clone, Debug)]
 pub struct ResidualMlp {
     input: Dense,
@@ -64,8 +64,8 @@ impl ResidualMlp {
         }
     }
 
-    /// The network for one latent code: `shifts[i]`, one number a hidden unit, is added to `net` before block `i`. The weights
-    /// are shared, so that a network for each of many objects costs little.
+    /// The network for one latent code: `shifts[i]`, one number a hidden unit, is added to `net` before block `i`. The
+    /// weights are shared, so that a network for each of many objects costs little.
     ///
     /// # Panics
     /// When there are more shifts than blocks, or they have another length than the hidden layers.

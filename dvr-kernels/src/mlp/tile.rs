@@ -10,7 +10,8 @@ pub(super) const VECTORS: usize = 3;
 /// Floats to the cache line: vectors that straddle lines cost two reads.
 const LINE: usize = 16;
 
-/// What the points of a tile are at the layers, panel by panel, row by row: a row holds one unit of all points of a panel.
+/// What the points of a tile are at the layers, panel by panel, row by row: a row holds one unit of all points of a
+/// panel.
 pub(super) struct Tile {
     panels: usize,
     features: Rows,

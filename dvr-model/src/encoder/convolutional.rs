@@ -8,8 +8,8 @@ use burn::tensor::{Device, Tensor};
 
 /// Five convolutions 3x3 of stride 2 without padding, their global average, and a linear layer to the code.
 ///
-/// ReLUs stand between all of them, the average included: `fc_out(relu(mean(conv4(relu(...conv0(image))))))`. There is no
-/// normalisation of any kind. Parameter names are those of the original's `ConvEncoder`, below `encoder.`.
+/// ReLUs stand between all of them, the average included: `fc_out(relu(mean(conv4(relu(...conv0(image))))))`. There is
+/// no normalisation of any kind. Parameter names are those of the original's `ConvEncoder`, below `encoder.`.
 #[derive(Module, Debug)]
 pub struct Convolutional {
     /// `width` channels.
@@ -32,8 +32,8 @@ impl Convolutional {
 
     /// Random parameters that keep the variance through ReLUs (He et al. 2015). The original's `width` is 32.
     ///
-    /// PyTorch's own draw, which the original starts from, shrinks what tells two pictures apart by a factor of 2.4 a layer: codes
-    /// are then all but equal, and it takes ten thousands of steps until they are not.
+    /// PyTorch's own draw, which the original starts from, shrinks what tells two pictures apart by a factor of 2.4 a
+    /// layer: codes are then all but equal, and it takes ten thousands of steps until they are not.
     pub fn new(width: usize, code_dim: usize, device: &Device) -> Self {
         let initializer = Initializer::KaimingUniform { gain: f64::sqrt(2.0), fan_out_only: false };
         let convolution = |input, output| {

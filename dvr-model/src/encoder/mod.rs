@@ -92,8 +92,8 @@ pub enum Encoder {
 impl Encoder {
     /// Codes `[b, code_dim]` of a batch of objects.
     ///
-    /// `images` is `[b, 3, height, width]`, sRGB in `[0, 1]`, and `objects` the row of each in the table of codes, `[b]`.
-    /// Each kind looks at one of the two only.
+    /// `images` is `[b, 3, height, width]`, sRGB in `[0, 1]`, and `objects` the row of each in the table of codes,
+    /// `[b]`. Each kind looks at one of the two only.
     pub fn forward(&self, images: Tensor<4>, objects: Tensor<1, Int>) -> Tensor<2> {
         match self {
             Self::Resnet18(encoder) => encoder.forward(images),

@@ -45,9 +45,9 @@ pub(super) fn normalised(images: Tensor<4>) -> Tensor<4> {
 
 /// torchvision's `resnet18` without its classifier: images `[b, 3, height, width]` to features `[b, 512]`.
 ///
-/// Where gradients are tracked, batch normalisation takes the batch's statistics and updates the running ones; elsewhere
-/// it takes the running ones. (burn's running variance is the batch's own, PyTorch's is larger by `n / (n - 1)`, where `n`
-/// is images times pixels.)
+/// Where gradients are tracked, batch normalisation takes the batch's statistics and updates the running ones;
+/// elsewhere it takes the running ones. (burn's running variance is the batch's own, PyTorch's is larger by `n / (n -
+/// 1)`, where `n` is images times pixels.)
 #[derive(Module, Debug)]
 pub struct Resnet18Features {
     /// 7x7, stride 2, 64 channels.

@@ -1,8 +1,8 @@
 //! The original's checkpoints, and torchvision's pretrained ResNet-18: PyTorch files, zip and legacy, without PyTorch.
 //!
-//! A checkpoint (`im2mesh/checkpoints.py`) is a dictionary with the state dict `model` (names `decoder.*`, `encoder.*`), in
-//! most files the state of Adam as `optimizer`, and the numbers `epoch_it`, `it` and `loss_val_best`. It does not hold the
-//! configuration: that follows from the tensors' shapes, but for whether the decoder is `leaky`.
+//! A checkpoint (`im2mesh/checkpoints.py`) is a dictionary with the state dict `model` (names `decoder.*`,
+//! `encoder.*`), in most files the state of Adam as `optimizer`, and the numbers `epoch_it`, `it` and `loss_val_best`.
+//! It does not hold the configuration: that follows from the tensors' shapes, but for whether the decoder is `leaky`.
 
 mod file;
 mod optimizer;
@@ -61,8 +61,8 @@ pub struct Imported<C: NetworkConfig> {
     pub adam: Option<AdamMoments<C::Network>>,
 }
 
-/// Reads a checkpoint of the original, or a bare state dict of its model or its decoder. `leaky` says whether the decoder
-/// was trained with `leaky: true`, which its tensors do not tell.
+/// Reads a checkpoint of the original, or a bare state dict of its model or its decoder. `leaky` says whether the
+/// decoder was trained with `leaky: true`, which its tensors do not tell.
 ///
 /// # Errors
 /// When the file is no PyTorch file or is cut short; when its tensors are not those of a model of the original, naming

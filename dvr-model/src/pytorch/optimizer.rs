@@ -100,7 +100,8 @@ impl OptimizerState {
     }
 }
 
-/// Names of the parameters in the order in which the original's constructors make them, which is how its optimiser counts.
+/// Names of the parameters in the order in which the original's constructors make them, which is how its optimiser
+/// counts.
 fn registration_order<M: Module + ModuleSnapshot>(network: &M) -> Result<Vec<String>, RecordError> {
     let mut names: Vec<String> = collect(network)?.into_iter().map(|tensor| tensor.name).collect();
     names.retain(|name| !["running_mean", "running_var", "num_batches_tracked"].iter().any(|end| name.ends_with(end)));

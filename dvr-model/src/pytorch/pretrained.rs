@@ -10,8 +10,8 @@ use crate::encoder::{Encoder, Resnet18};
 use crate::record::RecordError;
 use crate::tensors::fill;
 
-/// An encoder with the features of a ResNet-18 from a file: torchvision's own (`conv1.weight`, `layer1.0.conv1.weight`, ...,
-/// whose classifier `fc` is left out), or an encoder or model of the original (`encoder.features.*`).
+/// An encoder with the features of a ResNet-18 from a file: torchvision's own (`conv1.weight`, `layer1.0.conv1.weight`,
+/// ..., whose classifier `fc` is left out), or an encoder or model of the original (`encoder.features.*`).
 ///
 /// The last linear layer is taken along where its code has the same length.
 ///

@@ -1,10 +1,10 @@
 //! Dual contouring: a vertex for each connected patch of the surface in a cell, a quadrilateral for each crossed edge.
 //!
-//! One vertex a cell (Ju et al. 2002) pinches the surface where two of its patches pass through one cell. One vertex a loop
-//! of the marching cubes case (dual marching cubes, Nielson 2004) does not, and every crossed edge then lies in one loop of
-//! each of its four cells. Together with parted faces (see [`super::marching_cubes`]) the mesh is a closed, oriented
-//! manifold: two vertices share at most one side of a quadrilateral, and the diagonals of quadrilaterals join cells that
-//! have only one edge in common.
+//! One vertex a cell (Ju et al. 2002) pinches the surface where two of its patches pass through one cell. One vertex a
+//! loop of the marching cubes case (dual marching cubes, Nielson 2004) does not, and every crossed edge then lies in
+//! one loop of each of its four cells. Together with parted faces (see [`super::marching_cubes`]) the mesh is a closed,
+//! oriented manifold: two vertices share at most one side of a quadrilateral, and the diagonals of quadrilaterals join
+//! cells that have only one edge in common.
 
 use glam::{DVec3, UVec3, Vec3};
 use rayon::prelude::*;
@@ -16,8 +16,9 @@ use super::surface::{CrossedEdges, Crossing};
 
 /// Vertices keep this far from the faces of their cell, in cells, so that those of different cells never fall together.
 ///
-/// Letting them go where the planes meet, be it beyond a face, would bring the corners of exact shapes nearer to the truth,
-/// but it does nothing for trained fields, whose meshes then intersect themselves at a hundred times as many places.
+/// Letting them go where the planes meet, be it beyond a face, would bring the corners of exact shapes nearer to the
+/// truth, but it does nothing for trained fields, whose meshes then intersect themselves at a hundred times as many
+/// places.
 const MARGIN: f64 = 1e-3;
 
 /// A connected piece of the surface in one cell.
@@ -129,8 +130,8 @@ fn place_around(edge: u8) -> usize {
     [0, 1, 3, 2][usize::from(edge % 4)]
 }
 
-/// The two triangles of a quadrilateral whose normals agree better with those of their corners; where both diagonals are
-/// as good, the shorter one parts them.
+/// The two triangles of a quadrilateral whose normals agree better with those of their corners; where both diagonals
+/// are as good, the shorter one parts them.
 fn split([a, b, c, d]: [u32; 4], vertices: &[Vec3], normals: &[Vec3]) -> [[u32; 3]; 2] {
     /// Agreements that differ by less are equal: on smooth parts the shape of the triangles counts.
     const NOTICEABLE: f32 = 0.02;

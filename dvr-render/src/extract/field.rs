@@ -6,8 +6,8 @@ use super::error::{ExtractError, Result};
 
 /// An implicit function, known by evaluation at batches of points only.
 ///
-/// Any closure from points to logits is one. Batches are at most [`ExtractSettings::max_points`] long and come one after
-/// the other: spread the work over threads or a GPU inside the implementation.
+/// Any closure from points to logits is one. Batches are at most [`ExtractSettings::max_points`] long and come one
+/// after the other: spread the work over threads or a GPU inside the implementation.
 ///
 /// [`ExtractSettings::max_points`]: super::ExtractSettings::max_points
 pub trait ScalarField {

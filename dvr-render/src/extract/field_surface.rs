@@ -12,8 +12,8 @@ use crate::snapshot_march::SnapshotMarcher;
 /// Points evaluated at once by a thread of a CPU: small enough for the activations to stay in cache.
 const CHUNK: usize = 4096;
 
-/// A [`Field`] without gradient tracking, seen as a [`ScalarField`] and marched: through its snapshots where it has any,
-/// on its device otherwise.
+/// A [`Field`] without gradient tracking, seen as a [`ScalarField`] and marched: through its snapshots where it has
+/// any, on its device otherwise.
 pub struct FieldSurface<F> {
     field: F,
     snapshots: Vec<Snapshot>,

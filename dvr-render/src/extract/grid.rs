@@ -70,8 +70,8 @@ impl Lattice {
 
     /// Where a node of this grid is found in the refined grid.
     ///
-    /// The virtual layer stays one cell thick, so along each axis cell `c` has the children from the refined node `c` up
-    /// to (but without) the refined node `c + 1`: two if it is real, one if it is virtual.
+    /// The virtual layer stays one cell thick, so along each axis cell `c` has the children from the refined node `c`
+    /// up to (but without) the refined node `c + 1`: two if it is real, one if it is virtual.
     pub fn refined_node(&self, node: UVec3) -> UVec3 {
         let refined = |index: u32| (2 * index).saturating_sub(1).min(2 * self.cells + 2);
         UVec3::new(refined(node.x), refined(node.y), refined(node.z))

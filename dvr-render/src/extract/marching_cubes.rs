@@ -3,16 +3,17 @@
 //! A cell's eight corners are inside or outside: 256 cases. On each face of the cell the crossed edges are joined by
 //! one rule that depends on that face's four signs only, so two cells that share a face always agree on it. Following
 //! the joins from face to face gives closed loops, and each loop is triangulated by diagonals that lie in no face of
-//! the cell (all loops that occur have such a triangulation). Both together make every mesh a closed manifold: a loop's sides meet the neighbour's sides, and a
-//! diagonal belongs to one cell alone. (A diagonal in a face could be chosen by both neighbours and then be shared by
-//! four triangles.)
+//! the cell (all loops that occur have such a triangulation). Both together make every mesh a closed manifold: a loop's
+//! sides meet the neighbour's sides, and a diagonal belongs to one cell alone. (A diagonal in a face could be chosen by
+//! both neighbours and then be shared by four triangles.)
 //!
 //! The rule on an ambiguous face (two inside corners, diagonally opposite): the inside corners are *joined*, so that a
 //! thin rod that runs askew through the grid stays in one piece.
 //!
-//! Dual contouring makes a vertex of each loop and a side between two vertices of each join of their cells' common face.
-//! If both joins of an ambiguous face belong to one loop on either side, that side would exist twice and hold four
-//! quadrilaterals. Such faces are *parted* instead: the inside corners are cut off, which splits the loop in both cells.
+//! Dual contouring makes a vertex of each loop and a side between two vertices of each join of their cells' common
+//! face. If both joins of an ambiguous face belong to one loop on either side, that side would exist twice and hold
+//! four quadrilaterals. Such faces are *parted* instead: the inside corners are cut off, which splits the loop in both
+//! cells.
 //!
 //! Corner `c` of a cell is its lowest node plus `(c & 1, c >> 1 & 1, c >> 2 & 1)`. Edge `4 a + u + 2 v` runs along axis
 //! `a` from the corner with offset `u` along axis `a + 1` and `v` along axis `a + 2` (modulo 3).
@@ -33,7 +34,8 @@ pub(super) struct Case {
     pub loops: Vec<Vec<u8>>,
     /// Triangles between the crossings of three edges, counter-clockwise seen from outside; five at most.
     pub triangles: Vec<[u8; 3]>,
-    /// The face whose two joins both belong to one loop, and the loops with that face parted. No case has two such faces.
+    /// The face whose two joins both belong to one loop, and the loops with that face parted. No case has two such
+    /// faces.
     pub parting: Option<(u8, Vec<Vec<u8>>)>,
 }
 

@@ -1,10 +1,10 @@
 //! From an implicit function to a watertight, coloured mesh.
 //!
 //! [`extract_mesh`] finds the level set of a [`ScalarField`] in the padded unit cube by multi-resolution isosurface
-//! extraction and marching cubes or, to keep sharp edges, dual contouring ([`Contour`]). The mesh is a closed, consistently
-//! oriented manifold whatever the field; a surface that leaves the cube is closed there. It may hold self-intersections
-//! where the field is finer than the grid (dual contouring: see [`Contour::Dual`]), and parts that no node of the coarse
-//! grid hits, and no seed leads to, are missed.
+//! extraction and marching cubes or, to keep sharp edges, dual contouring ([`Contour`]). The mesh is a closed,
+//! consistently oriented manifold whatever the field; a surface that leaves the cube is closed there. It may hold
+//! self-intersections where the field is finer than the grid (dual contouring: see [`Contour::Dual`]), and parts that
+//! no node of the coarse grid hits, and no seed leads to, are missed.
 //!
 //! ```
 //! use dvr_render::extract::{ExtractSettings, extract_mesh};

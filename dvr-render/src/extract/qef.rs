@@ -4,16 +4,17 @@ use glam::{DMat3, DVec3};
 
 /// Weight of the distance to the mass point, as a share of the number of planes.
 ///
-/// It is to the eigenvalues of `A^T A` as a soft threshold: with [`ROUNDS`], a bend of 16 degrees between two halves of the
-/// normals (a share of 0.02) is followed to 99 %, one of 5 degrees (curvature, or noise) to 50 %, one of 1 degree to 3 %.
+/// It is to the eigenvalues of `A^T A` as a soft threshold: with [`ROUNDS`], a bend of 16 degrees between two halves of
+/// the normals (a share of 0.02) is followed to 99 %, one of 5 degrees (curvature, or noise) to 50 %, one of 1 degree
+/// to 3 %.
 const DAMPING: f64 = 0.01;
 
 /// Rounds of the iterated Tikhonov regularisation. One would pull corners towards the mass point; each further round
 /// takes that bias to the next power.
 const ROUNDS: usize = 4;
 
-/// `E(x) = sum_i (n_i . (x - p_i))^2` over points `p_i` of a surface and unit normals `n_i` there (Ju et al. 2002, section
-/// 2.3): zero where the tangent planes meet.
+/// `E(x) = sum_i (n_i . (x - p_i))^2` over points `p_i` of a surface and unit normals `n_i` there (Ju et al. 2002,
+/// section 2.3): zero where the tangent planes meet.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct QuadraticError {
     /// `A^T A`, where the rows of `A` are the normals.
@@ -45,11 +46,12 @@ impl QuadraticError {
         self.point_sum / f64::from(self.planes)
     }
 
-    /// The point of least error in a box that holds all points; where the planes leave it open, or all but open, the one
-    /// nearest to the mass point (Lindstrom 2000, section 4).
+    /// The point of least error in a box that holds all points; where the planes leave it open, or all but open, the
+    /// one nearest to the mass point (Lindstrom 2000, section 4).
     ///
-    /// A coordinate that would leave the box is held at its bound while the others are sought anew, so that a crease which
-    /// passes through a corner of the box is met there. Moving the free minimiser into the box could leave the crease.
+    /// A coordinate that would leave the box is held at its bound while the others are sought anew, so that a crease
+    /// which passes through a corner of the box is met there. Moving the free minimiser into the box could leave the
+    /// crease.
     pub fn minimiser_within(&self, low: DVec3, high: DVec3) -> DVec3 {
         let mut start = self.mass_point();
         let mut free = DVec3::ONE;
@@ -114,7 +116,8 @@ mod tests {
 
     #[test]
     fn a_crease_that_leaves_the_box_is_met_where_it_enters() {
-        // Along (1, 0, 1) through (0.9, 0.2, 0): nearest to the mass point outside, at x > 1, but for a piece in the box.
+        // Along (1, 0, 1) through (0.9, 0.2, 0): nearest to the mass point outside, at x > 1, but for a piece in the
+        // box.
         let (on_crease, along) = (DVec3::new(0.9, 0.2, 0.0), DVec3::new(1.0, 0.0, 1.0));
         let mut error = QuadraticError::new();
         for normal in [DVec3::Y, DVec3::new(1.0, 0.0, -1.0).normalize()] {

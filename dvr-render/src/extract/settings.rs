@@ -18,8 +18,9 @@ pub enum Contour {
     /// Dual contouring (Ju et al. 2002): vertices in the grid's cells, where the tangent planes of the crossings around
     /// them meet. Corners and creases are kept; the field's gradient is asked for at each crossing.
     ///
-    /// The mesh may intersect itself, which marching cubes' does not: where the surface is finer than the grid, and now and
-    /// then at creases of a noisy field (none to three of 80 000 edges on trained scenes). It is a closed manifold all the same.
+    /// The mesh may intersect itself, which marching cubes' does not: where the surface is finer than the grid, and now
+    /// and then at creases of a noisy field (none to three of 80 000 edges on trained scenes). It is a closed manifold
+    /// all the same.
     Dual,
 }
 

@@ -23,7 +23,8 @@ fn disc(radius: f64) -> Vec<(i64, i64)> {
     (-reach..=reach).flat_map(|y| (-reach..=reach).map(move |x| (x, y))).filter(within).collect()
 }
 
-/// The mask grown by so many pixels on all sides, or shrunk where it is negative. What is beyond the frame does not shrink it.
+/// The mask grown by so many pixels on all sides, or shrunk where it is negative. What is beyond the frame does not
+/// shrink it.
 pub(super) fn grown(mask: &Mask, pixels: f64) -> Mask {
     if pixels == 0.0 {
         return mask.clone();

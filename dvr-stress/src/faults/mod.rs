@@ -9,8 +9,8 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-/// Faults of masks and cameras, and of where the cameras point; all zero is none. (Noise and exposure are the renderer's:
-/// [`dvr_core::synth::SynthConfig`].)
+/// Faults of masks and cameras, and of where the cameras point; all zero is none. (Noise and exposure are the
+/// renderer's: [`dvr_core::synth::SynthConfig`].)
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Faults {
     /// Pixels by which masks are too large; negative, too small.
@@ -67,8 +67,8 @@ impl Faults {
     }
 }
 
-/// Moves a camera by a share of its distance from the origin, then turns it on the spot by so many degrees, each in or about a random
-/// direction.
+/// Moves a camera by a share of its distance from the origin, then turns it on the spot by so many degrees, each in or
+/// about a random direction.
 pub fn displace_camera(camera: &mut Camera, degrees: f64, share: f64, rng: &mut ChaCha8Rng) {
     cameras::shift(camera, share, rng);
     cameras::turn(camera, degrees, rng);

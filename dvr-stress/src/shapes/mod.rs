@@ -1,4 +1,5 @@
-//! True shapes, in object space. All are closed, and no two parts of one overlap: samples of the surface are the surface.
+//! True shapes, in object space. All are closed, and no two parts of one overlap: samples of the surface are the
+//! surface.
 
 mod concave;
 mod parts;

@@ -30,7 +30,8 @@ pub(crate) fn wedge(degrees: f64) -> Mesh {
     tilted(faceted(merged(loft(&frames, &outline, false))))
 }
 
-/// Lids of a sweep share the vertices of its mantle: edges are hard without normals, and the surface is closed by number.
+/// Lids of a sweep share the vertices of its mantle: edges are hard without normals, and the surface is closed by
+/// number.
 fn merged(mesh: Mesh) -> Mesh {
     let mut kept: Vec<Vec3> = Vec::new();
     let place = |vertex: &Vec3, kept: &mut Vec<Vec3>| match kept.iter().position(|other| other == vertex) {

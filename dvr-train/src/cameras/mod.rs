@@ -1,9 +1,10 @@
 //! Cameras that are slightly wrong: found anew together with the shape.
 //!
-//! In turns, a coarse field is trained on the cameras as they are, and every camera is moved to where this field explains its outline
-//! and its photograph best. A field of many views takes after each of them only a little, so a camera that disagrees
-//! with the others comes back to them. What photographs cannot tell - where the whole stands, how it is turned, how large it is - stays
-//! as the files have it: after each turn the cameras are moved together to where they are, in the mean, nearest to the given ones.
+//! In turns, a coarse field is trained on the cameras as they are, and every camera is moved to where this field
+//! explains its outline and its photograph best. A field of many views takes after each of them only a little, so a
+//! camera that disagrees with the others comes back to them. What photographs cannot tell - where the whole stands, how
+//! it is turned, how large it is - stays as the files have it: after each turn the cameras are moved together to where
+//! they are, in the mean, nearest to the given ones.
 
 mod photograph;
 mod pose;
@@ -35,18 +36,19 @@ const CELLS: [usize; 2] = [32, 64];
 /// Rounds on the coarser of the two.
 const COARSE_ROUNDS: usize = 3;
 
-/// One view in so many may be wrong about the hull that a field starts from: with wrong cameras, the hull of all is too small.
+/// One view in so many may be wrong about the hull that a field starts from: with wrong cameras, the hull of all is too
+/// small.
 const DISAGREEING: usize = 6;
 
 /// A round that moves what is seen by less than this, in pixels, is the last.
 const SETTLED: f64 = 0.03;
 
-/// The loss of a field on the moved cameras must be less than this share of that on the given ones, or these are kept: moved cameras are
-/// off by the noise of their own estimation.
+/// The loss of a field on the moved cameras must be less than this share of that on the given ones, or these are kept:
+/// moved cameras are off by the noise of their own estimation.
 const WORTH: f64 = 0.95;
 
-/// Photographs are blurred by this share of a cell as it appears in them: in the first rounds, when texture may be off by more than
-/// its own length, and then.
+/// Photographs are blurred by this share of a cell as it appears in them: in the first rounds, when texture may be off
+/// by more than its own length, and then.
 const BLUR: [f64; 2] = [1.0, 0.4];
 
 /// What became of the cameras.
@@ -85,11 +87,11 @@ impl RefinedCameras {
     }
 }
 
-/// Moves the cameras of all views of `scene` to where they fit together, in at most so many rounds; `None` where it was interrupted,
-/// and the scene is as it was.
+/// Moves the cameras of all views of `scene` to where they fit together, in at most so many rounds; `None` where it was
+/// interrupted, and the scene is as it was.
 ///
-/// Fields are trained as `config` says, on training views alone. Views that are held out or for testing are moved too, to be
-/// comparable, but teach nothing.
+/// Fields are trained as `config` says, on training views alone. Views that are held out or for testing are moved too,
+/// to be comparable, but teach nothing.
 ///
 /// # Errors
 /// When the scene has too few views or its masks show no object.
@@ -123,7 +125,8 @@ pub fn refine_cameras(
                 align(&view.camera, given, marks, &photo, &field, cell)
             })
             .collect();
-        // Where the whole stands, how it is turned and how large it is stays as given; where that is not determined, all stays.
+        // Where the whole stands, how it is turned and how large it is stays as given; where that is not determined,
+        // all stays.
         let teachers = |i: &usize| teaching[*i];
         let gauge = Similarity::between_cameras(
             (0..aligned.len()).filter(teachers).map(|i| &aligned[i].camera),
@@ -194,7 +197,8 @@ fn magnification(camera: &Camera) -> f64 {
     camera.intrinsics.x_axis.x / camera.center().length().max(0.1)
 }
 
-/// Root mean square of how far the surface points that each view sees move in its picture as its camera changes, in pixels.
+/// Root mean square of how far the surface points that each view sees move in its picture as its camera changes, in
+/// pixels.
 fn displacement(before: &[Camera], after: &[Camera], aligned: &[Aligned], gauge: &Similarity) -> f64 {
     let (mut sum, mut count) = (0.0, 0usize);
     for ((before, after), aligned) in before.iter().zip(after).zip(aligned) {

@@ -1,13 +1,14 @@
 //! One camera against a field: where it stands when its photograph and its outline are explained best.
 //!
-//! The camera is moved by `X_c -> exp(w) R X + t + u`: it turns about the object by `w`, and the object is shifted in front of it by
-//! `u`. Around the object's centre these hardly depend on each other, whereas turning a camera on the spot and stepping aside look
-//! almost alike. A third number, the gain, is how bright the photograph is beside the field.
+//! The camera is moved by `X_c -> exp(w) R X + t + u`: it turns about the object by `w`, and the object is shifted in
+//! front of it by `u`. Around the object's centre these hardly depend on each other, whereas turning a camera on the
+//! spot and stepping aside look almost alike. A third number, the gain, is how bright the photograph is beside the
+//! field.
 //!
-//! Two kinds of residuals, both with their derivative in closed form: the photograph at the projection of a surface point against
-//! the field's colour there (the point is held, its projection moves); and rays through pixels along the outline, whose largest
-//! signed distance must be that of the pixel. The derivative of that largest value is the one at its place (envelope theorem), as the
-//! depth's is the one at its crossing.
+//! Two kinds of residuals, both with their derivative in closed form: the photograph at the projection of a surface
+//! point against the field's colour there (the point is held, its projection moves); and rays through pixels along the
+//! outline, whose largest signed distance must be that of the pixel. The derivative of that largest value is the one at
+//! its place (envelope theorem), as the depth's is the one at its crossing.
 
 use dvr_core::hull::MaskDistance;
 use dvr_core::{Camera, View};
@@ -37,11 +38,12 @@ const OUTLIER: f64 = 2.0;
 /// Standard deviations are at least this, in pixels and in colours: nothing is known better.
 const LEAST_DEVIATION: [f64; 2] = [0.1, 0.01];
 
-/// The standard deviation of outlines is at most this, in cells (or half a pixel): where a camera is farther off, that is its fault, and
-/// the texture must not hold it there.
+/// The standard deviation of outlines is at most this, in cells (or half a pixel): where a camera is farther off, that
+/// is its fault, and the texture must not hold it there.
 const LARGEST_OUTLINE_DEVIATION: f64 = 0.3;
 
-/// How far cameras are expected to be from where they are given: radians, shares of the distance, and the logarithm of the gain.
+/// How far cameras are expected to be from where they are given: radians, shares of the distance, and the logarithm of
+/// the gain.
 const EXPECTED: [f64; 3] = [0.05, 0.05, 0.3];
 
 /// Neighbouring pixels tell much the same: so many count as one against what is expected.
@@ -97,8 +99,8 @@ struct Residual {
     slopes: SVector<f64, 7>,
 }
 
-/// Moves `camera` to where the field explains the photograph best; `given` is where the files say that it stands, and `cell` how many
-/// pixels a cell of the field is wide.
+/// Moves `camera` to where the field explains the photograph best; `given` is where the files say that it stands, and
+/// `cell` how many pixels a cell of the field is wide.
 pub(super) fn align(
     camera: &Camera,
     given: &Camera,

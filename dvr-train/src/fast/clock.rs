@@ -22,7 +22,8 @@ impl Part {
     pub const ALL: [Self; 5] = [Self::Rays, Self::Gather, Self::Roughness, Self::Levels, Self::SignMap];
 }
 
-/// Wall time of each part, summed over steps. On a graphics processor, which does not tell them apart, all is counted as [`Part::Rays`].
+/// Wall time of each part, summed over steps. On a graphics processor, which does not tell them apart, all is counted
+/// as [`Part::Rays`].
 #[derive(Clone, Copy, Debug, Default)]
 pub struct PartTimes {
     totals: [Duration; Part::ALL.len()],

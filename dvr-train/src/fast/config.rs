@@ -20,8 +20,8 @@ pub struct FastConfig {
     pub capacity: Capacity,
     /// Cells along an edge of the shape lattice in the first stage; each stage has twice those of the one before.
     pub first_cells: usize,
-    /// Cells along an edge up to which everything in the visual hull is taught: concavities lie deep inside. In finer stages the
-    /// surface is known well enough to teach what is near it alone.
+    /// Cells along an edge up to which everything in the visual hull is taught: concavities lie deep inside. In finer
+    /// stages the surface is known well enough to teach what is near it alone.
     pub whole_cells: usize,
     /// The compact field may not take more bytes than this; 0 for no limit.
     pub max_bytes: usize,
@@ -61,8 +61,8 @@ pub struct FastConfig {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Capacity {
-    /// Twice the cells again while that makes held-out views better by at least `min_gain_db`, and cells are larger than
-    /// half the footprint of a pixel; at most `max_cells`.
+    /// Twice the cells again while that makes held-out views better by at least `min_gain_db`, and cells are larger
+    /// than half the footprint of a pixel; at most `max_cells`.
     Auto {
         /// Cells along an edge up to which growth is never taken back: a few held-out views are too noisy a judge.
         min_cells: usize,
@@ -106,12 +106,13 @@ pub struct FastLosses {
     pub color: f64,
     /// The same with the surface held still: teaches the colour alone.
     pub texture: f64,
-    /// Colour of the pixel against other views' pictures at the hit, L1: what makes the surface right where it has texture.
+    /// Colour of the pixel against other views' pictures at the hit, L1: what makes the surface right where it has
+    /// texture.
     pub cross_view: f64,
     /// Cross-view residuals above this are taken for occlusion or highlights, and ignored.
     pub cross_view_limit: f64,
-    /// Cross-view structure: one less the normalised cross-correlation of a patch around the pixel with its projection, by
-    /// the plane of the surface, to other views. Blind to exposure and to what has no texture.
+    /// Cross-view structure: one less the normalised cross-correlation of a patch around the pixel with its projection,
+    /// by the plane of the surface, to other views. Blind to exposure and to what has no texture.
     pub structure: f64,
     /// Structures less correlated than this are taken for occlusion, and ignored.
     pub structure_limit: f64,

@@ -1,7 +1,7 @@
 //! Steps on a graphics processor, on which everything stays that is learned.
 //!
-//! A step is given its rays (which pixels, which views to compare with: the same as on the processor), drawn for some steps at once.
-//! It is waited for where its losses are asked for, and where the levels are.
+//! A step is given its rays (which pixels, which views to compare with: the same as on the processor), drawn for some
+//! steps at once. It is waited for where its losses are asked for, and where the levels are.
 
 use std::time::Instant;
 

@@ -1,5 +1,5 @@
-//! What the processor does in a step, a graphics processor does. Skipped, with a line of output, where no driver offers one; a
-//! software adapter will do.
+//! What the processor does in a step, a graphics processor does. Skipped, with a line of output, where no driver offers
+//! one; a software adapter will do.
 
 use burn::tensor::Device;
 use dvr_core::View;

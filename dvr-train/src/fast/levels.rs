@@ -17,8 +17,9 @@ struct Level {
     sum: Vec<f32>,
 }
 
-/// Nested lattices of `C` channels a node. A coarse node moves all fine ones around it: gradients reach far at once, and
-/// the fine levels add the detail. The sum is kept *baked* into the finest lattice, the only one that is ever sampled.
+/// Nested lattices of `C` channels a node. A coarse node moves all fine ones around it: gradients reach far at once,
+/// and the fine levels add the detail. The sum is kept *baked* into the finest lattice, the only one that is ever
+/// sampled.
 #[derive(Clone, Debug)]
 pub(super) struct Levels<const C: usize> {
     /// Coarse to fine; at least one.
@@ -70,8 +71,8 @@ impl<const C: usize> Levels<C> {
         &self.baked
     }
 
-    /// The values at the finest nodes, the gradient by them, to be written before [`Levels::step`], and the nodes at which
-    /// it counts.
+    /// The values at the finest nodes, the gradient by them, to be written before [`Levels::step`], and the nodes at
+    /// which it counts.
     pub fn values_and_gradient_mut(&mut self) -> (&[f32], &mut [f32], &ActiveNodes) {
         let last = self.levels.len() - 1;
         let Level { gradient, active, .. } = &mut self.levels[last];
@@ -121,8 +122,8 @@ impl<const C: usize> Levels<C> {
         refined
     }
 
-    /// Zero parameters at the active nodes and in `coarser` levels, on top of a base that holds at every second node what earlier
-    /// stages learned: where nothing is left to learn, nothing is stored and nothing is computed.
+    /// Zero parameters at the active nodes and in `coarser` levels, on top of a base that holds at every second node
+    /// what earlier stages learned: where nothing is left to learn, nothing is stored and nothing is computed.
     pub fn settled(active: ActiveNodes, base: Vec<f32>, coarser: usize) -> Self {
         Self { is_settled: true, ..Self::new(active, base, coarser) }
     }

@@ -29,8 +29,8 @@ pub(super) struct Likeness {
 }
 
 impl Patch {
-    /// The patch around `pixel` of `view`, whose camera is at `origin`, on the plane through `point` with this normal (of
-    /// either sign); `None` at the object's outline and where the plane is seen edge-on.
+    /// The patch around `pixel` of `view`, whose camera is at `origin`, on the plane through `point` with this normal
+    /// (of either sign); `None` at the object's outline and where the plane is seen edge-on.
     pub fn on_plane(
         view: &FastView,
         [u, v]: [u32; 2],

@@ -10,8 +10,8 @@ const REACH: f32 = 0.1;
 /// Cells around the hull in which the surface may move.
 const BAND_CELLS: f32 = 2.5;
 
-/// Adds to `values` what the hull's distance at the active nodes has more to tell than what is interpolated of it from every
-/// second node: the detail of outlines, for values that come from a lattice of half the cells.
+/// Adds to `values` what the hull's distance at the active nodes has more to tell than what is interpolated of it from
+/// every second node: the detail of outlines, for values that come from a lattice of half the cells.
 pub(super) fn add_hull_detail(masks: &[MaskDistance], active: &ActiveNodes, disagreeing: usize, values: &mut [f32]) {
     let distances = |active: &ActiveNodes| {
         let lattice = active.lattice();
@@ -28,8 +28,8 @@ pub(super) fn add_hull_detail(masks: &[MaskDistance], active: &ActiveNodes, disa
     active.iter().for_each(|node| values[node] += exact[node] - interpolated[node]);
 }
 
-/// Distance to the hull at every node (positive inside), and the nodes at which the shape may change: the hull and a band
-/// around it. What lies outside stays outside.
+/// Distance to the hull at every node (positive inside), and the nodes at which the shape may change: the hull and a
+/// band around it. What lies outside stays outside.
 pub(super) fn hull_start(masks: &[MaskDistance], lattice: &Lattice, disagreeing: usize) -> (Vec<f32>, ActiveNodes) {
     let last = lattice.nodes() - 1;
     let on_border = |node: usize| lattice.coordinates(node).iter().any(|&c| c == 0 || c == last);

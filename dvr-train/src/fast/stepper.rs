@@ -7,8 +7,8 @@ use super::rays::Tally;
 use super::views::{FastView, PixelOrder};
 use crate::error::Result;
 
-/// Weight by which colours tend to the mean colour, against about one a ray that sees them: enough for what no ray sees,
-/// which would otherwise drift with the coarse levels.
+/// Weight by which colours tend to the mean colour, against about one a ray that sees them: enough for what no ray
+/// sees, which would otherwise drift with the coarse levels.
 pub(super) const COLOR_REST: f32 = 1e-5;
 
 /// What a step is told.
@@ -65,14 +65,15 @@ pub(super) trait Stepper: Send {
     /// When there is no room for them.
     fn enter(&mut self, shape: &Levels<1>, color: &Levels<3>) -> Result<()>;
 
-    /// One step: rays to lessons, lessons to gradients, gradients to parameters. `None` where nobody asked for the losses and
-    /// they are not at hand.
+    /// One step: rays to lessons, lessons to gradients, gradients to parameters. `None` where nobody asked for the
+    /// losses and they are not at hand.
     ///
     /// # Errors
     /// When the device fails.
     fn step(&mut self, job: StepJob, shape: &mut Levels<1>, color: &mut Levels<3>) -> Result<Option<StepSums>>;
 
-    /// What the levels have become; `None` where steps change the levels that they are given, so that these are what is.
+    /// What the levels have become; `None` where steps change the levels that they are given, so that these are what
+    /// is.
     ///
     /// # Errors
     /// When the device fails.

@@ -109,8 +109,8 @@ impl<'a> FastTrainer<'a> {
 
     /// Lets a device carry out the steps. What is no graphics processor leaves them where they are.
     ///
-    /// Steps on a graphics processor draw the same rays as on the processor, and tell their losses in every tenth step. Everything
-    /// else, from the visual hull to the judging of a stage, stays on the processor.
+    /// Steps on a graphics processor draw the same rays as on the processor, and tell their losses in every tenth step.
+    /// Everything else, from the visual hull to the judging of a stage, stays on the processor.
     ///
     /// # Errors
     /// When the photographs or the lattices do not fit into the device.
@@ -241,7 +241,8 @@ impl<'a> FastTrainer<'a> {
         self.stage += 1;
     }
 
-    /// A stage that starts from what was learned on lattices of half the cells, and only moves what is near the surface.
+    /// A stage that starts from what was learned on lattices of half the cells, and only moves what is near the
+    /// surface.
     fn settle_on(&mut self, shape: &[f32], color: &[f32]) {
         let cells = 2 * self.shape.lattice().cells();
         let lattice = padded_cube(cells);

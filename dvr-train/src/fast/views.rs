@@ -141,8 +141,8 @@ impl<'a> FastView<'a> {
         (Vec2::new(q.x, q.y) / q.z, q.z)
     }
 
-    /// The colour at the projection of a point, and its derivative as the point moves along `direction`; `None` where the
-    /// view does not show the object in all four pixels around.
+    /// The colour at the projection of a point, and its derivative as the point moves along `direction`; `None` where
+    /// the view does not show the object in all four pixels around.
     pub fn reproject(&self, point: Vec3, direction: Vec3) -> Option<Reprojection> {
         let (pixel, z) = self.project(point);
         if z <= 0.0 {

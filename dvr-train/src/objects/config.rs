@@ -10,22 +10,23 @@ use crate::error::{Error, Result};
 
 /// Everything that determines a run over many objects, besides the dataset and the backend.
 ///
-/// In JSON the keys of [`TrainConfig`] stand beside the others. Of these, `rays` counts the rays of one object in a step,
-/// and `hull`, `refine_cameras` and `hold_out_every` have no meaning: a hull would need all views of an object, and what is held out
-/// are objects.
+/// In JSON the keys of [`TrainConfig`] stand beside the others. Of these, `rays` counts the rays of one object in a
+/// step, and `hull`, `refine_cameras` and `hold_out_every` have no meaning: a hull would need all views of an object,
+/// and what is held out are objects.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ObjectsConfig {
     /// What makes the latent code of an object.
     pub encoder: EncoderConfig,
-    /// File whose ResNet-18 the encoder starts from: torchvision's own, or an encoder of the original; `null` starts from
-    /// random features. It is read once, when the run begins.
+    /// File whose ResNet-18 the encoder starts from: torchvision's own, or an encoder of the original; `null` starts
+    /// from random features. It is read once, when the run begins.
     #[serde(default)]
     pub pretrained: Option<PathBuf>,
     /// Objects a step.
     pub objects: usize,
     /// Views of each object that teach in a step, drawn anew each time.
     pub views: usize,
-    /// Whether only one view of each object ever teaches, the same in all steps: the publication's single-view supervision.
+    /// Whether only one view of each object ever teaches, the same in all steps: the publication's single-view
+    /// supervision.
     pub one_view: bool,
     /// Points of each object in a step of `occupancy` supervision.
     pub points: usize,
@@ -37,10 +38,11 @@ pub struct ObjectsConfig {
 }
 
 impl ObjectsConfig {
-    /// Defaults for a kind of supervision: of a size that two cores can train in a quarter of an hour on some hundred objects.
+    /// Defaults for a kind of supervision: of a size that two cores can train in a quarter of an hour on some hundred
+    /// objects.
     ///
-    /// A ResNet-18 takes four times as long a step as all the rest. Two octaves, not the four of a single scene: without
-    /// a hull to start from, four leave noise in space that no ray has cleared.
+    /// A ResNet-18 takes four times as long a step as all the rest. Two octaves, not the four of a single scene:
+    /// without a hull to start from, four leave noise in space that no ray has cleared.
     pub fn new(supervision: Supervision) -> Self {
         let base = TrainConfig::new(supervision);
         Self {
@@ -67,8 +69,9 @@ impl ObjectsConfig {
         }
     }
 
-    /// The publication's setting: ResNet-18 on pictures of 224 pixels, codes of 256, a decoder of width 512, 64 objects of
-    /// 1024 rays a step, and what [`TrainConfig::classic`] says of marching and losses. For comparison, and for large machines.
+    /// The publication's setting: ResNet-18 on pictures of 224 pixels, codes of 256, a decoder of width 512, 64 objects
+    /// of 1024 rays a step, and what [`TrainConfig::classic`] says of marching and losses. For comparison, and for
+    /// large machines.
     pub fn classic(supervision: Supervision) -> Self {
         let base = TrainConfig::classic(supervision);
         let ImageModelConfig { encoder, decoder } = ImageModelConfig::default();

@@ -220,8 +220,8 @@ impl BatchDrawer {
     }
 }
 
-/// The one view of an object that teaches with `one_view`: a hash of the seed and the object's name, so that it stays the
-/// same when the dataset grows.
+/// The one view of an object that teaches with `one_view`: a hash of the seed and the object's name, so that it stays
+/// the same when the dataset grows.
 fn teaching_view(seed: u64, dataset: &ObjectDataset, object: usize, views: usize) -> usize {
     let object = &dataset.objects()[object];
     (stable_hash(seed, &[&object.category, &object.name]) % views as u64) as usize

@@ -1,8 +1,8 @@
 //! Batches are drawn on threads of their own, a few steps ahead of training.
 //!
-//! Thread `i` of `n` draws the batches `i, i + n, i + 2n, ...` into a channel of its own, and training takes from the channels in
-//! turn: the order is that of the steps, whatever the timing. A channel holds one batch, and a thread one more that it
-//! has just drawn: memory is bounded by `2 n` batches.
+//! Thread `i` of `n` draws the batches `i, i + n, i + 2n, ...` into a channel of its own, and training takes from the
+//! channels in turn: the order is that of the steps, whatever the timing. A channel holds one batch, and a thread one
+//! more that it has just drawn: memory is bounded by `2 n` batches.
 
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};

@@ -94,7 +94,8 @@ pub(crate) fn skip_grid(field: &Conditioned) -> SkipGrid {
     SkipGrid::build(&FieldSurface::new(field), UnitCube::default(), SKIP_CELLS)
 }
 
-/// Pictures of one size as `[b, 3, size, size]`, sRGB in `[0, 1]`; without pictures, one of one pixel that nobody looks at.
+/// Pictures of one size as `[b, 3, size, size]`, sRGB in `[0, 1]`; without pictures, one of one pixel that nobody looks
+/// at.
 pub(crate) fn image_tensor(pictures: &[&RgbImage], device: &Device) -> Tensor<4> {
     let Some(first) = pictures.first() else { return Tensor::zeros([1, 3, 1, 1], device) };
     let (width, height) = (first.width() as usize, first.height() as usize);

@@ -1,6 +1,8 @@
-//! What an evaluation found, object by object, in a file that grows: JSON lines, the first of which says what was measured.
+//! What an evaluation found, object by object, in a file that grows: JSON lines, the first of which says what was
+//! measured.
 //!
-//! A run that is killed loses the object it was at, and nothing else; shards of one evaluation are joined by their lines.
+//! A run that is killed loses the object it was at, and nothing else; shards of one evaluation are joined by their
+//! lines.
 
 use std::fs::{File, OpenOptions};
 use std::io::Write;

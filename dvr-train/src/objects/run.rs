@@ -69,7 +69,8 @@ const SAMPLES: usize = 128;
 /// silhouettes are known under every supervision.
 ///
 /// # Errors
-/// When the dataset has no training objects, or too many broken ones; when a file cannot be written; when the loss diverges.
+/// When the dataset has no training objects, or too many broken ones; when a file cannot be written; when the loss
+/// diverges.
 pub fn train_objects(
     dataset: &Arc<ObjectDataset>,
     mut config: ObjectsConfig,
@@ -115,8 +116,8 @@ pub fn train_objects(
     Ok(TrainedObjects { trained, objects: learner.objects(), broken: learner.broken() })
 }
 
-/// Writes preview sheet and figures into the run's folder: rows of an unseen object's picture, one of its views, and that
-/// view as the model has it, with depth and normals.
+/// Writes preview sheet and figures into the run's folder: rows of an unseen object's picture, one of its views, and
+/// that view as the model has it, with depth and normals.
 ///
 /// # Errors
 /// When a file cannot be written, or the checkpoint's model is damaged.

@@ -126,7 +126,8 @@ impl ObjectsTrainer {
     }
 }
 
-/// The Occupancy Network objective, a mean over points, in the form of the other lessons; the IoU is that of the points.
+/// The Occupancy Network objective, a mean over points, in the form of the other lessons; the IoU is that of the
+/// points.
 fn occupancy_loss(field: &Conditioned, points: &[Vec3], inside: &[bool], owner: &[i64], device: &Device) -> StepLoss {
     let n = points.len();
     let flat: Vec<f32> = points.iter().flat_map(Vec3::to_array).collect();

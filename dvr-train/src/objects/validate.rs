@@ -1,4 +1,5 @@
-//! How well objects that were not trained on are explained: by their silhouettes and pictures, as seen from other sides.
+//! How well objects that were not trained on are explained: by their silhouettes and pictures, as seen from other
+//! sides.
 
 use burn::tensor::Device;
 use dvr_core::dataset::ObjectDataset;
@@ -24,8 +25,8 @@ pub(crate) struct Judge {
     view: View,
 }
 
-/// Reads the judges: objects of the validation split, spread evenly over it, or training objects where the encoder knows
-/// no others. An object that cannot be read judges nothing; `problem` hears why.
+/// Reads the judges: objects of the validation split, spread evenly over it, or training objects where the encoder
+/// knows no others. An object that cannot be read judges nothing; `problem` hears why.
 pub(crate) fn read_judges(
     dataset: &ObjectDataset,
     config: &ObjectsConfig,
