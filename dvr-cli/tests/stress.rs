@@ -32,6 +32,25 @@ fn cells_are_judged_and_not_tried_twice() {
 }
 
 #[test]
+fn rivals_are_tried_where_a_method_fails() {
+    let tiny = Tiny::new();
+    let out = tiny.path("stress");
+    let stress = |against: &str| {
+        let variant = "quick:steps=20,capacity={\"cells\":32}";
+        let args = ["stress", "--axis", "mask-grown,texture-lies", "--methods", "hull", "--variant", variant];
+        dvr(&[&args[..], &["--against", against, "--out", text(&out)]].concat())
+    };
+    refuses(&stress("nobody"), &["nobody", "--methods"]);
+    assert!(!out.exists(), "refused before anything was written");
+    let table = succeeds(&stress("hull"));
+    let rivals = || std::fs::read_dir(out.join("cells")).unwrap().flatten().map(|entry| entry.file_name());
+    let rivals: Vec<_> = rivals().filter(|name| name.to_string_lossy().contains("quick")).collect();
+    assert_eq!(rivals, ["mask-grown.1.0.quick.json"], "{table}");
+    let row = table.lines().find(|line| line.starts_with("| mask-grown")).unwrap();
+    assert!(row.contains("| at once |") && !row.contains("or before"), "{row}");
+}
+
+#[test]
 fn axes_are_listed_and_unknown_ones_refused() {
     let listed = succeeds(&dvr(&["stress", "--list"]));
     for axis in ["rod-radius (shape)", "camera-rotation (cameras)", "4, 2, 1, 0.5, 0.25, 0.1 pixels"] {

@@ -25,6 +25,9 @@ pub struct StressArgs {
     /// refined:refine_cameras=10; may be given several times
     #[arg(long, value_parser = parse_variant, value_name = "NAME:KEY=VALUE")]
     pub variant: Vec<Variant>,
+    /// Try other methods and variants, but the hull, only where this one first fails: does another hold longer?
+    #[arg(long, value_name = "NAME")]
+    pub against: Option<String>,
     /// Seeds from 0 on, of scenes, faults and training [default: 1; with --full 3]
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..=100), value_name = "N")]
     pub seeds: Option<u64>,

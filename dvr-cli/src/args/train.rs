@@ -41,7 +41,7 @@ pub struct TrainArgs {
     #[arg(long, value_parser = parse_bytes, value_name = "BYTES", help_heading = "Training")]
     pub max_bytes: Option<usize>,
     /// Cameras may be slightly wrong (a degree, some per cent): move them to where they fit together before training,
-    /// in at most so many rounds of about a second. The refined cameras are used from then on, and written to
+    /// in at most so many rounds of one or two seconds. The refined cameras are used from then on, and written to
     /// cameras.json
     #[arg(long, value_name = "ROUNDS", num_args = 0..=1, default_missing_value = "10", help_heading = "Training")]
     pub refine_cameras: Option<usize>,

@@ -8,6 +8,8 @@ pub mod export;
 pub mod import;
 pub mod info;
 mod job;
+mod lab_page;
+mod machine;
 pub mod mesh;
 pub mod predict;
 pub mod render;

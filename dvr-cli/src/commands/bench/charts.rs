@@ -2,14 +2,14 @@
 
 use std::path::Path;
 
-use anyhow::{Context, Result};
-use dvr_core::files::write_bytes_atomically;
-use dvr_report::chart::{Axis, Better, Chart, Series, file_name};
-use dvr_report::{Curves, Page, Section, table};
+use anyhow::Result;
+use dvr_report::chart::{Axis, Better, Chart, Series};
+use dvr_report::{Curves, table};
 
 use super::folder_name;
 use super::results::{Outcome, Results};
 use super::table::{grouped, rows};
+use crate::commands::lab_page::LabPage;
 
 /// A number that a chart's axis shows.
 type Figure = fn(&Outcome) -> Option<f64>;
@@ -27,15 +27,12 @@ const CHAMFER_TITLE: &str = "Chamfer-L1 above its floor, cube edges";
 
 /// Writes `charts/*.svg`, `charts/*.csv` and `report.html` into the folder of a bench.
 pub fn write(results: &Results, folder: &Path) -> Result<()> {
-    let charts_folder = folder.join("charts");
-    std::fs::create_dir_all(&charts_folder).with_context(|| charts_folder.display().to_string())?;
-    let machine = &results.machine;
+    let mut page = LabPage::new(folder)?;
     let (heads, rows) = rows(&results.outcomes);
     let words = "<p>Medians over seeds, with their range. Lengths are in edges of the object cube (papers print \
                  Chamfer-L1 times ten). PSNR and \
                  silhouettes are those of the coloured mesh on views that were not trained on.</p>";
-    let mut sections =
-        vec![Section::new("Figures", format!("{words}<div class=\"wide\">{}</div>", table(&heads, &rows)))];
+    page.push("Figures", format!("{words}<div class=\"wide\">{}</div>", table(&heads, &rows)));
     let mut scenes: Vec<&str> = results.outcomes.iter().map(|outcome| outcome.scene.as_str()).collect();
     scenes.sort_unstable();
     scenes.dedup();
@@ -44,25 +41,14 @@ pub fn write(results: &Results, folder: &Path) -> Result<()> {
             results.outcomes.iter().filter(|outcome| outcome.scene == scene).cloned().collect();
         let mut figures = String::new();
         for chart in of_scene(&outcomes, &folder.join("runs")) {
-            let path = charts_folder.join(file_name(&format!("{scene} {}", chart.title)));
-            write_bytes_atomically(&path.with_extension("svg"), chart.to_svg().as_bytes())?;
-            write_bytes_atomically(&path.with_extension("csv"), chart.to_csv().as_bytes())?;
+            page.save_chart(&format!("{scene} {}", chart.title), &chart.to_svg(), &chart.to_csv())?;
             figures += &chart.to_figure();
         }
         if !figures.is_empty() {
-            sections.push(Section::new(scene, format!("<div class=\"charts\">{figures}</div>")));
+            page.push(scene, format!("<div class=\"charts\">{figures}</div>"));
         }
     }
-    let page = Page {
-        title: "dvr bench".into(),
-        subtitle: format!("{}, {} threads, {}", machine.processor, machine.threads, machine.program),
-        sections,
-        footer: format!(
-            "{}. This file holds everything that it shows and asks nothing of the network.",
-            machine.program
-        ),
-    };
-    Ok(write_bytes_atomically(&folder.join("report.html"), page.to_html().as_bytes())?)
+    page.save("dvr bench", &results.machine)
 }
 
 /// The charts of one scene that have something to show.
@@ -140,8 +126,8 @@ fn dots(group: &[&Outcome], x: Figure, y: Figure) -> Series {
 
 #[cfg(test)]
 mod tests {
-    use super::super::machine;
     use super::*;
+    use crate::commands::machine::Machine;
 
     fn outcome(method: &str, seed: u64, seconds: f64, chamfer: f64) -> Outcome {
         let json = serde_json::json!({
@@ -162,7 +148,7 @@ mod tests {
             let rows = format!("seconds,held_out_psnr\n0.5,2{seed}\n1.0,25\n");
             std::fs::write(run.join("metrics.csv"), rows).unwrap();
         }
-        write(&Results { outcomes, ..Results::new(machine::describe()) }, folder.path()).unwrap();
+        write(&Results { outcomes, ..Results::new(Machine::this()) }, folder.path()).unwrap();
         let read = |name: &str| std::fs::read_to_string(folder.path().join(name)).unwrap();
         let curve = read("charts/ball-psnr-against-wall-time.csv");
         assert!(curve.contains("\"fast, rgb\",0.5,20.5,20,21") && curve.contains("\"slow, rgb\",9,29,,"), "{curve}");

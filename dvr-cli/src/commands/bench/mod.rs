@@ -1,7 +1,6 @@
 //! `dvr bench`: methods side by side on the same scenes, on the same machine, with their spread over seeds.
 
 mod charts;
-pub(super) mod machine;
 mod results;
 mod table;
 
@@ -13,6 +12,7 @@ use dvr_core::files::write_bytes_atomically;
 use dvr_train::{Observer, RunFolder};
 
 use super::job::{Ended, Job, once};
+use super::machine::Machine;
 use crate::args::{BenchArgs, Variant};
 use crate::progress::Progress;
 use results::{Outcome, Results};
@@ -22,7 +22,7 @@ pub fn run(args: &BenchArgs) -> Result<ExitCode> {
     let scenes = named(&args.scenes)?;
     std::fs::create_dir_all(&args.out).with_context(|| args.out.display().to_string())?;
     let plan = plan(args, &scenes);
-    let mut results = Results::new(machine::describe());
+    let mut results = Results::new(Machine::this());
     let mut progress = Progress::new();
     progress.phase("runs", plan.len());
     for (i, run) in plan.iter().enumerate() {

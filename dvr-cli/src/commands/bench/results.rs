@@ -7,7 +7,7 @@ use dvr_core::files::write_bytes_atomically;
 use dvr_train::RunMetrics;
 use serde::{Deserialize, Serialize};
 
-use super::machine::Machine;
+use crate::commands::machine::Machine;
 
 /// `results.json`.
 #[derive(Clone, Debug, Serialize, Deserialize)]

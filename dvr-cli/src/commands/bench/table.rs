@@ -27,9 +27,8 @@ const COLUMNS: [Column; 11] = [
 pub fn markdown(results: &Results) -> String {
     let machine = &results.machine;
     let mut text = format!(
-        "{}, {} threads, {}. Median over seeds (range). Lengths in edges of the object cube; papers print Chamfer-L1 times 10. \
-         PSNR and silhouettes are those of the coloured mesh on views that were not trained on.\n\n",
-        machine.processor, machine.threads, machine.program
+        "{machine}. Median over seeds (range). Lengths in edges of the object cube; papers print Chamfer-L1 times 10. \
+         PSNR and silhouettes are those of the coloured mesh on views that were not trained on.\n\n"
     );
     let (heads, rows) = rows(&results.outcomes);
     let _ = writeln!(text, "| {} |", heads.join(" | "));
@@ -100,8 +99,8 @@ pub fn csv(outcomes: &[Outcome]) -> Result<String> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::machine;
     use super::*;
+    use crate::commands::machine::Machine;
 
     fn outcome(scene: &str, method: &str, seed: u64, seconds: f64, chamfer: Option<f64>) -> Outcome {
         let json = serde_json::json!({
@@ -119,7 +118,7 @@ mod tests {
             outcome("a", "fast", 1, 1.0, Some(0.004)),
             outcome("a", "fast", 2, 2.0, Some(0.0035)),
         ];
-        let results = Results { outcomes, ..Results::new(machine::describe()) };
+        let results = Results { outcomes, ..Results::new(Machine::this()) };
         let table = markdown(&results);
         assert!(table.contains("| a |  | fast | 3 | 2.0 (1.0-3.0) | 0.0035 (0.0030-0.0040) |"), "{table}");
         assert!(table.contains("| a |  | slow | 1 | 9.0 | no mesh |"), "{table}");

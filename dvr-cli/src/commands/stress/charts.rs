@@ -2,45 +2,31 @@
 
 use std::path::Path;
 
-use anyhow::{Context, Result};
-use dvr_core::files::write_bytes_atomically;
-use dvr_report::chart::{self, HeatGrid, file_name};
-use dvr_report::{Page, Section};
+use anyhow::Result;
+use dvr_report::chart::{self, HeatGrid};
 use dvr_stress::{Axis, Cell, Kind};
 
 use super::results::{Results, group_name};
 use super::table::{cells, methods, summary, tried};
+use crate::commands::lab_page::LabPage;
 
 /// Writes `charts/*.svg`, `charts/*.csv` and `report.html` into the folder of a stress test.
 pub fn write(results: &Results, axes: &[Axis], folder: &Path) -> Result<()> {
-    let charts = folder.join("charts");
-    std::fs::create_dir_all(&charts).with_context(|| charts.display().to_string())?;
+    let mut page = LabPage::new(folder)?;
     let words = "<p>What each method makes of scenes that are hard in one way at a time. A number is the distance from the truth \
                  (Chamfer-L1 of what at least two views see, above what the truth itself scores), in pixels' footprints; of \
                  gradients a relative error. A word says why a cell is not solved.</p>";
-    let mut sections = vec![Section::new("", words.to_owned())];
+    page.push("", words.to_owned());
     for axis in axes {
         let grid = grid(results, axis);
         if grid.rows.is_empty() {
             continue;
         }
-        let path = charts.join(file_name(axis.name));
-        write_bytes_atomically(&path.with_extension("svg"), grid.to_svg().as_bytes())?;
-        write_bytes_atomically(&path.with_extension("csv"), grid.to_csv().as_bytes())?;
+        page.save_chart(axis.name, &grid.to_svg(), &grid.to_csv())?;
         let what = format!("<p>{}.</p><div class=\"charts\">{}</div>", axis.what, grid.to_figure());
-        sections.push(Section::new(axis.name, what));
+        page.push(axis.name, what);
     }
-    let machine = &results.machine;
-    let page = Page {
-        title: "dvr stress".into(),
-        subtitle: format!("{}, {} threads, {}", machine.processor, machine.threads, machine.program),
-        sections,
-        footer: format!(
-            "{}. This file holds everything that it shows and asks nothing of the network.",
-            machine.program
-        ),
-    };
-    Ok(write_bytes_atomically(&folder.join("report.html"), page.to_html().as_bytes())?)
+    page.save("dvr stress", &results.machine)
 }
 
 /// One axis.
@@ -76,7 +62,7 @@ mod tests {
     use dvr_stress::{Figures, Verdict, axes};
 
     use super::*;
-    use crate::commands::bench::machine;
+    use crate::commands::machine::Machine;
 
     #[test]
     fn an_axis_becomes_a_grid_on_a_page() {
@@ -92,7 +78,7 @@ mod tests {
         };
         let cells = vec![cell("fast", 12.0, Verdict::Solved), cell("fast", 3.0, Verdict::Open)];
         let folder = tempfile::tempdir().unwrap();
-        write(&Results { machine: machine::describe(), cells }, &axes(), folder.path()).unwrap();
+        write(&Results { machine: Machine::this(), cells }, &axes(), folder.path()).unwrap();
         let read = |name: &str| std::fs::read_to_string(folder.path().join(name)).unwrap();
         let csv = read("charts/views.csv");
         assert!(csv.contains("fast,12,0.0") && csv.contains("not watertight"), "{csv}");

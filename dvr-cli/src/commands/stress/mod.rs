@@ -12,16 +12,17 @@ use std::sync::atomic::Ordering;
 
 use anyhow::{Context, Result, bail};
 use dvr_core::files::write_bytes_atomically;
-use dvr_stress::{Axis, axes};
+use dvr_stress::{Axis, Cell, axes, break_point};
 use dvr_train::Observer;
 
-use super::bench::machine;
+use super::machine::Machine;
 use super::train::{INTERRUPTED, interrupt_on_ctrl_c};
 use crate::EXIT_INTERRUPTED;
 use crate::args::StressArgs;
 use crate::progress::Progress;
 use plan::{Estimate, plan};
 use results::Results;
+use task::Task;
 
 /// Tries what is missing, then writes `results.json`, `results.csv`, `table.md`, `charts/` and `report.html`.
 pub fn run(args: &StressArgs) -> Result<ExitCode> {
@@ -31,31 +32,48 @@ pub fn run(args: &StressArgs) -> Result<ExitCode> {
         return Ok(ExitCode::SUCCESS);
     }
     let Some(out) = &args.out else { bail!("no output folder was given: add --out DIR") };
+    if let Some(name) = &args.against
+        && !args.variants().iter().any(|variant| variant.name == *name)
+    {
+        bail!("--against {name}: nothing of this name is tried; give it with --methods or --variant");
+    }
     std::fs::create_dir_all(out.join("cells")).with_context(|| out.display().to_string())?;
-    let tasks = plan(args, &axes, out);
-    let estimate = Estimate::of(&tasks)?;
-    eprintln!("{estimate}");
     interrupt_on_ctrl_c()?;
-    let mut progress = Progress::new();
-    progress.phase("cells", tasks.len());
-    let mut results = Results { machine: machine::describe(), cells: Vec::new() };
-    for (i, task) in tasks.iter().enumerate() {
-        match task.cell()? {
-            Some(cell) => results.cells.push(cell),
-            None => return Ok(interrupted(out)),
-        }
-        progress.progress(i + 1, &task.name());
-        if INTERRUPTED.load(Ordering::Relaxed) && i + 1 < tasks.len() {
-            return Ok(interrupted(out));
-        }
+    let mut results = Results { machine: Machine::this(), cells: Vec::new() };
+    let (first, rivals): (Vec<Task>, Vec<Task>) = plan(args, &axes, out)
+        .into_iter()
+        .partition(|task| !args.against.as_ref().is_some_and(|name| task.is_rival_of(name)));
+    let mut done = carry_out(&first, &mut results)?;
+    if let (true, Some(name)) = (done, &args.against) {
+        let is_where_it_fails = |task: &Task| {
+            let cells: Vec<&Cell> = table::cells(&results, task.axis, name).collect();
+            break_point(task.axis.difficulties, cells).breaks == Some(task.difficulty)
+        };
+        let rivals: Vec<Task> = rivals.into_iter().filter(is_where_it_fails).collect();
+        done = carry_out(&rivals, &mut results)?;
+    }
+    if !done {
+        eprintln!("stopped; what is done is kept in {}. The same command goes on", out.display());
+        return Ok(ExitCode::from(EXIT_INTERRUPTED));
     }
     write(&results, &axes, out)?;
     Ok(ExitCode::SUCCESS)
 }
 
-fn interrupted(out: &Path) -> ExitCode {
-    eprintln!("stopped; what is done is kept in {}. The same command goes on", out.display());
-    ExitCode::from(EXIT_INTERRUPTED)
+/// Carries out what is not there yet; whether it came to its end.
+fn carry_out(tasks: &[Task], results: &mut Results) -> Result<bool> {
+    eprintln!("{}", Estimate::of(tasks)?);
+    let mut progress = Progress::new();
+    progress.phase("cells", tasks.len());
+    for (i, task) in tasks.iter().enumerate() {
+        let Some(cell) = task.cell()? else { return Ok(false) };
+        results.cells.push(cell);
+        progress.progress(i + 1, &task.name());
+        if INTERRUPTED.load(Ordering::Relaxed) && i + 1 < tasks.len() {
+            return Ok(false);
+        }
+    }
+    Ok(true)
 }
 
 /// The axes that the arguments name, by their own name or their group's.

@@ -95,7 +95,16 @@ mod tests {
     use super::*;
 
     fn args(full: bool) -> StressArgs {
-        StressArgs { out: None, axis: vec![], methods: vec![], variant: vec![], seeds: None, full, list: false }
+        StressArgs {
+            out: None,
+            axis: vec![],
+            methods: vec![],
+            variant: vec![],
+            against: None,
+            seeds: None,
+            full,
+            list: false,
+        }
     }
 
     #[test]

@@ -4,7 +4,7 @@ use anyhow::Result;
 use dvr_stress::{Cell, Group};
 use serde::{Deserialize, Serialize};
 
-use crate::commands::bench::machine::Machine;
+use crate::commands::machine::Machine;
 
 /// `results.json`.
 #[derive(Clone, Debug, Serialize, Deserialize)]

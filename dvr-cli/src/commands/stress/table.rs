@@ -10,9 +10,8 @@ use super::results::{Results, group_name};
 pub fn markdown(results: &Results, axes: &[Axis]) -> String {
     let machine = &results.machine;
     let mut text = format!(
-        "{}, {} threads, {}. Each cell: Chamfer-L1 of what at least two views see, in pixels' footprints above what the true \
-         surface scores when it is sampled twice (median over seeds); **bold** and with its reason where it is not solved.\n",
-        machine.processor, machine.threads, machine.program
+        "{machine}. Each cell: Chamfer-L1 of what at least two views see, in pixels' footprints above what the true \
+         surface scores when it is sampled twice (median over seeds); **bold** and with its reason where it is not solved.\n"
     );
     let (scenes, gradients): (Vec<&Axis>, Vec<&Axis>) =
         axes.iter().partition(|axis| matches!(axis.kind, Kind::Scene(_)));
@@ -41,24 +40,28 @@ fn break_points(text: &mut String, results: &Results, axes: &[&Axis], methods: &
     let _ = writeln!(text, "\n| breaks at | unit | tried | {} |", methods.join(" | "));
     let _ = writeln!(text, "|{}", "---|".repeat(3 + methods.len()));
     for axis in axes {
-        let points: Vec<String> = methods
-            .iter()
-            .map(|method| {
-                let own: Vec<&Cell> = cells(results, axis, method).collect();
-                if own.is_empty() { String::new() } else { point(break_point(axis.difficulties, own.iter().copied())) }
-            })
-            .collect();
-        let tried: Vec<String> = tried(results, axis).into_iter().map(Axis::label).collect();
+        let tried = tried(results, axis);
+        let point = |method: &&str| {
+            let own: Vec<&Cell> = cells(results, axis, method).collect();
+            if own.is_empty() { String::new() } else { point(&own, axis, &tried) }
+        };
+        let points: Vec<String> = methods.iter().map(point).collect();
+        let tried: Vec<String> = tried.into_iter().map(Axis::label).collect();
         let _ = writeln!(text, "| {} | {} | {} | {} |", axis.name, axis.unit, tried.join(", "), points.join(" | "));
     }
 }
 
-/// Where a method breaks, in words.
-fn point(point: BreakPoint) -> String {
-    match (point.holds, point.breaks) {
+/// Where a method breaks, in words; `tried` is what any method was tried on.
+fn point(own: &[&Cell], axis: &Axis, tried: &[f64]) -> String {
+    let is_own = |difficulty: &f64| own.iter().any(|cell| cell.difficulty == *difficulty);
+    let BreakPoint { holds, breaks } = break_point(axis.difficulties, own.iter().copied());
+    let label = |difficulty: Option<f64>| difficulty.map(Axis::label).unwrap_or_default();
+    match (holds, breaks) {
+        (_, None) if !tried.iter().all(is_own) => format!("holds {}", label(holds)),
         (_, None) => "holds".into(),
+        (None, Some(_)) if !tried.first().is_some_and(is_own) => format!("{} or before", label(breaks)),
         (None, Some(_)) => "at once".into(),
-        (Some(holds), Some(breaks)) => format!("{} (holds {})", Axis::label(breaks), Axis::label(holds)),
+        (Some(_), Some(_)) => format!("{} (holds {})", label(breaks), label(holds)),
     }
 }
 
@@ -133,8 +136,8 @@ fn entry(cells: &[&Cell], case: Option<&Case>) -> String {
 mod tests {
     use dvr_stress::{Figures, axes};
 
-    use super::super::super::bench::machine;
     use super::*;
+    use crate::commands::machine::Machine;
 
     fn cell(method: &str, difficulty: f64, verdict: Verdict, value: Option<f64>) -> Cell {
         let figures = value.map(|_| Figures { floor: 0.002, ..Figures::default() });
@@ -148,11 +151,20 @@ mod tests {
             cell("fast", 6.0, Verdict::Inaccurate, Some(0.1)),
             cell("hull", 24.0, Verdict::Empty, None),
         ];
-        let results = Results { machine: machine::describe(), cells };
+        let results = Results { machine: Machine::this(), cells };
         let axes: Vec<Axis> = axes().into_iter().filter(|axis| axis.name == "views").collect();
         let text = markdown(&results, &axes);
         assert!(text.contains("| views | views | 24, 6 | 6 (holds 24) | at once |"), "{text}");
         assert!(text.contains("| 24 | 0.000 | **empty** |"), "{text}");
         assert!(text.contains("inaccurate |  |"), "{text}");
+
+        // A rival that was tried where the other fails, and nowhere else.
+        let rival = |verdict| {
+            let cells = [cell("fast", 24.0, Verdict::Solved, None), cell("fast", 6.0, Verdict::Empty, None)];
+            let cells = cells.into_iter().chain([cell("rival", 6.0, verdict, None)]).collect();
+            markdown(&Results { machine: Machine::this(), cells }, &axes)
+        };
+        assert!(rival(Verdict::Empty).contains("| 6 (holds 24) | 6 or before |"));
+        assert!(rival(Verdict::Solved).contains("| 6 (holds 24) | holds 6 |"));
     }
 }

@@ -48,6 +48,11 @@ impl Task<'_> {
         format!("{}.{}", self.scene_name(), self.variant.name)
     }
 
+    /// Whether it is neither the method of this name nor what that is measured by.
+    pub fn is_rival_of(&self, name: &str) -> bool {
+        matches!(self.axis.kind, Kind::Scene(_)) && ![name, "hull"].contains(&&*self.variant.name)
+    }
+
     fn scene_name(&self) -> String {
         format!("{}.{}.{}", self.axis.name, Axis::label(self.difficulty), self.seed)
     }
