@@ -17,7 +17,7 @@ use crate::error::{Error, Result};
 use crate::method::Method;
 
 /// Version of the checkpoints that this program writes.
-pub const CHECKPOINT_VERSION: u32 = 3;
+pub const CHECKPOINT_VERSION: u32 = 4;
 
 /// Key of the JSON header among the container's metadata.
 const HEADER_KEY: &str = "dvr-checkpoint";

@@ -178,6 +178,8 @@ fn coarse(scene: &Scene, config: &FastConfig, cells: usize, interrupted: &Atomic
         first_cells: config.first_cells.min(cells),
         steps: STEPS,
         disagreeing_views: DisagreeingViews::OneIn(DISAGREEING),
+        // Photographs match at the right depth where cameras are right.
+        swept_pixels: 0,
         ..config.clone()
     };
     let mut trainer = FastTrainer::new(ViewSplit::new(scene, config.hold_out_every)?, config)?;

@@ -49,6 +49,9 @@ pub struct FastConfig {
     pub compared_views: usize,
     /// Views among which those are drawn, nearest first.
     pub neighbours: usize,
+    /// Pixels whose depth is looked for all along their way through the hull before training; 0 starts from the hull
+    /// as it is. Finds the insides of bowls, which lie too far behind the hull for gradients.
+    pub swept_pixels: usize,
     /// Views that may be wrong about the hull.
     pub disagreeing_views: DisagreeingViews,
     /// Rounds, at most, in which cameras are moved to where they fit together before training; 0 believes the files.
@@ -190,6 +193,7 @@ impl FastConfig {
             color_coarseness: 2,
             compared_views: 2,
             neighbours: 6,
+            swept_pixels: 15_000,
             disagreeing_views: DisagreeingViews::Auto,
             refine_cameras: 0,
             hold_out_every: 8,

@@ -71,7 +71,7 @@ impl Fixture {
         let references: Vec<&View> = views.iter().collect();
         let masks: Vec<MaskDistance> = views.iter().map(|view| MaskDistance::new(&view.camera, &view.mask)).collect();
         let lattice = Lattice::new(33, 0.55);
-        let (mut base, active) = hull_start(&masks, &lattice, 0);
+        let (mut base, active) = hull_start(&masks, &lattice, 0, None);
         for node in active.iter() {
             base[node] += noise * lattice.spacing() * (mix(node as u64) as f32 / u64::MAX as f32 - 0.5);
         }

@@ -14,6 +14,7 @@ mod scatter;
 mod start;
 mod state;
 mod stepper;
+mod sweep;
 mod trainer;
 mod views;
 mod wrong_masks;

@@ -4,6 +4,8 @@ use dvr_core::hull::{MaskDistance, hull_distance};
 use dvr_kernels::{ActiveNodes, Lattice, pyramid};
 use rayon::prelude::*;
 
+use super::sweep::Carving;
+
 /// Distances are known up to this, object units.
 const REACH: f32 = 0.1;
 
@@ -29,11 +31,16 @@ pub(super) fn add_hull_detail(masks: &[MaskDistance], active: &ActiveNodes, disa
 }
 
 /// Distance to the hull at every node (positive inside), and the nodes at which the shape may change: the hull and a
-/// band around it. What lies outside stays outside.
-pub(super) fn hull_start(masks: &[MaskDistance], lattice: &Lattice, disagreeing: usize) -> (Vec<f32>, ActiveNodes) {
+/// band around it. What lies outside stays outside, and what is carved starts empty.
+pub(super) fn hull_start(
+    masks: &[MaskDistance],
+    lattice: &Lattice,
+    disagreeing: usize,
+    carving: Option<&Carving>,
+) -> (Vec<f32>, ActiveNodes) {
     let last = lattice.nodes() - 1;
     let on_border = |node: usize| lattice.coordinates(node).iter().any(|&c| c == 0 || c == last);
-    let distances: Vec<f32> = (0..lattice.len())
+    let mut distances: Vec<f32> = (0..lattice.len())
         .into_par_iter()
         .map(|node| {
             let distance = hull_distance(masks, lattice.position(node), REACH, disagreeing);
@@ -43,5 +50,8 @@ pub(super) fn hull_start(masks: &[MaskDistance], lattice: &Lattice, disagreeing:
         .collect();
     let band = BAND_CELLS * lattice.spacing();
     let active = ActiveNodes::new(lattice, |node| distances[node] > -band && !on_border(node));
+    if let Some(carving) = carving {
+        active.iter().for_each(|node| distances[node] = distances[node].min(carving.at(lattice.position(node))));
+    }
     (distances, active)
 }

@@ -19,6 +19,7 @@ use super::rays::mean_object_color;
 use super::start::{add_hull_detail, hull_start};
 use super::state;
 use super::stepper::{StepJob, StepSums, Stepper};
+use super::sweep::Carving;
 use super::views::{FastView, PixelOrder};
 use super::wrong_masks::leave_out_wrong_masks;
 use crate::checkpoint::LearnerState;
@@ -39,6 +40,7 @@ pub struct FastTrainer<'a> {
     views: ViewSplit<'a>,
     packed: Vec<FastView<'a>>,
     masks: Vec<MaskDistance>,
+    carving: Option<Carving>,
     order: PixelOrder,
     /// What is learned, where `stepper` does not keep it to itself: see [`FastTrainer::levels`].
     shape: Levels<1>,
@@ -68,7 +70,8 @@ impl<'a> FastTrainer<'a> {
             views.train.par_iter().map(|view| MaskDistance::new(&view.camera, &view.mask)).collect();
         let packed = FastView::pack(&views.train, config.neighbours);
         let lattice = padded_cube(config.first_cells);
-        let shape = shape_start(&masks, &lattice, &config);
+        let carving = carve(&masks, &packed, &lattice, &config);
+        let shape = shape_start(&masks, &lattice, carving.as_ref(), &config);
         let mean_color = mean_object_color(&views.train).to_array();
         let color = color_start(&shape, mean_color, &config);
         // Pixels whose rays come as close to the object as the band around the hull.
@@ -91,6 +94,7 @@ impl<'a> FastTrainer<'a> {
             views,
             packed,
             masks,
+            carving,
             order,
             stepper: Box::new(CpuStepper::new(&shape, &color)),
             shape,
@@ -234,7 +238,7 @@ impl<'a> FastTrainer<'a> {
         }
         let lattice = padded_cube(cells);
         let disagreeing = self.config.disagreeing_views.of(self.masks.len());
-        let (base, active) = hull_start(&self.masks, &lattice, disagreeing);
+        let (base, active) = hull_start(&self.masks, &lattice, disagreeing, self.carving.as_ref());
         self.shape = self.shape.refined(active, base);
         let base = self.mean_color.repeat((cells / self.config.color_coarseness + 1).pow(3));
         self.color = self.color.refined(coarsened(self.shape.active(), self.config.color_coarseness), base);
@@ -381,8 +385,17 @@ fn coarsened(active: &ActiveNodes, factor: usize) -> ActiveNodes {
     (0..factor.ilog2()).fold(active.clone(), |active, _| active.coarser())
 }
 
-fn shape_start(masks: &[MaskDistance], lattice: &Lattice, config: &FastConfig) -> Levels<1> {
-    let (base, active) = hull_start(masks, lattice, config.disagreeing_views.of(masks.len()));
+/// What photographs show to be empty in the hull, where they teach the shape.
+fn carve(masks: &[MaskDistance], views: &[FastView], lattice: &Lattice, config: &FastConfig) -> Option<Carving> {
+    if config.steps == 0 || config.swept_pixels == 0 || config.losses.structure + config.losses.cross_view == 0.0 {
+        return None;
+    }
+    let (hull, _) = hull_start(masks, lattice, config.disagreeing_views.of(masks.len()), None);
+    Carving::sweep(views, lattice, &hull, config.swept_pixels)
+}
+
+fn shape_start(masks: &[MaskDistance], lattice: &Lattice, carving: Option<&Carving>, config: &FastConfig) -> Levels<1> {
+    let (base, active) = hull_start(masks, lattice, config.disagreeing_views.of(masks.len()), carving);
     let coarser = (lattice.cells() / config.coarsest_cells).ilog2() as usize;
     Levels::new(active, base, coarser)
 }

@@ -98,6 +98,21 @@ impl<'a> FastView<'a> {
         self.to_direction * Vec3::new(u as f32 + 0.5, v as f32 + 0.5, 1.0)
     }
 
+    /// Direction of unit z-depth through a place in the picture.
+    pub fn direction_through(&self, pixel: Vec2) -> Vec3 {
+        self.to_direction * pixel.extend(1.0)
+    }
+
+    /// Columns and rows.
+    pub fn size(&self) -> [u32; 2] {
+        [self.width, self.height]
+    }
+
+    /// Side of a pixel at the distance of the object's middle, object units.
+    pub fn footprint(&self) -> f32 {
+        self.to_direction.x_axis.length() * self.center.length()
+    }
+
     /// As a graphics processor knows it.
     #[cfg(feature = "gpu")]
     pub fn photograph(&self) -> dvr_gpu::Photograph {
@@ -133,6 +148,12 @@ impl<'a> FastView<'a> {
         }
         let [r, g, b] = self.colors[(v * self.width + u) as usize].map(f32::from);
         Some((r + g + b) / (3.0 * 255.0))
+    }
+
+    /// Colour of a pixel; `None` out of the frame and off the object.
+    pub fn object_color(&self, u: u32, v: u32) -> Option<Vec3> {
+        let is_object = u < self.width && v < self.height && self.mask.is_object(u, v);
+        is_object.then(|| color(self.colors[(v * self.width + u) as usize]))
     }
 
     /// Pixel coordinates and z-depth of a point.
