@@ -111,6 +111,7 @@ fn bytes_are_kept_under_a_limit() {
     assert!(bytes <= 9_000, "{bytes}");
     refuses(&train(&tiny, "x", &["--capacity", "65"]), &["65", "power of two"]);
     refuses(&train(&tiny, "x", &["--method", "network", "--capacity", "64"]), &["--capacity", "fast"]);
+    refuses(&train(&tiny, "x", &["--also-on", "cpu"]), &["--also-on", "--method network"]);
 }
 
 #[test]

@@ -115,7 +115,8 @@ fn broken_objects_are_left_out_named_once_and_counted() {
 #[test]
 fn three_dimensional_supervision_and_learned_codes_train_too() {
     let corpus = Corpus::new();
-    let more = ["--supervision", "occupancy", "--set", "encoder={\"kind\":\"codes\"}", "--categories", "rings"];
+    let codes = "encoder={\"kind\":\"codes\"}";
+    let more = ["--supervision", "occupancy", "--set", codes, "--categories", "rings", "--also-on", "cpu"];
     let said = succeeds(&corpus.train("run", &more));
     assert!(said.contains("3 objects"), "{said}");
     let run = corpus.path("run");

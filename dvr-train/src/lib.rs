@@ -65,6 +65,7 @@ mod run;
 mod shape_course;
 mod sparse;
 mod step_memory;
+mod team;
 mod trainer;
 mod validate;
 mod warm_start;

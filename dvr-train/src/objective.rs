@@ -40,6 +40,17 @@ impl StepNoise {
             neighbor: (0..config.losses.normal_points.min(rays)).map(|_| rng.random()).collect(),
         }
     }
+
+    /// The numbers of the first `count` rays of those that are left, and as large a share of the neighbours.
+    pub(crate) fn take_first(&mut self, count: usize) -> Self {
+        let neighbors = self.neighbor.len() * count / self.along.len().max(1);
+        let rest = Self {
+            jitter: self.jitter.as_mut().map(|jitter| jitter.split_off(count)),
+            along: self.along.split_off(count),
+            neighbor: self.neighbor.split_off(neighbors),
+        };
+        std::mem::replace(self, rest)
+    }
 }
 
 /// The loss of a batch.

@@ -171,6 +171,8 @@ pub struct RunOptions<'a> {
     pub folder: RunFolder,
     /// The device, without autodiff.
     pub device: Device,
+    /// Devices that share each step of a network with it, without autodiff too.
+    pub helpers: Vec<Device>,
     /// How the scene was read; stored in checkpoints.
     pub reading: serde_json::Value,
     /// Wall time after which training stops as if its steps were done.
@@ -254,6 +256,9 @@ pub fn train(
     };
     match &method {
         Method::Lattice(config) => {
+            if !options.helpers.is_empty() {
+                return Err(Error::Config("fields on lattices train on one device: only networks share steps".into()));
+            }
             observer.phase("measuring the masks", 1);
             let mut learner = FastTrainer::new(views, config.clone())?.on(&options.device)?;
             let pace = Pace { validate_every: 100, checkpoint_every: 500, best: None };
@@ -294,7 +299,7 @@ fn network<'a>(
     let bound = if config.hull.bound_rays { hull_bound(&hull) } else { None };
     let sparse = SparseTargets::new(scene, &views.train);
     let trainer = Trainer::new(field, views, config.clone(), options.device.clone());
-    Ok(trainer.with_bound(bound).with_sparse_targets(sparse))
+    Ok(trainer.with_helpers(options.helpers.clone()).with_bound(bound).with_sparse_targets(sparse))
 }
 
 /// How often a run looks up.

@@ -1,19 +1,20 @@
 //! The training loop's state and its one step. Where runs are stored and reported is the business of `run`.
 
 use burn::module::Module;
-use burn::optim::{GradientsParams, ModuleOptimizer};
+use burn::optim::ModuleOptimizer;
 use burn::tensor::{Device, Tensor};
-use dvr_core::{Scene, Split, UnitCube, View};
+use dvr_core::{Ray, Scene, Split, UnitCube, View};
 use dvr_render::{Field, Rays, SkipGrid, is_gpu};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use crate::adam::adam;
-use crate::batch::PixelBatch;
+use crate::batch::{PixelBatch, Pixels};
 use crate::config::TrainConfig;
 use crate::error::{Error, Result};
 use crate::objective::{StepLoss, StepNoise, sparse_depth_loss, step_loss};
 use crate::sparse::SparseTargets;
+use crate::team::{Part, Team, shares};
 
 /// The views of a scene, divided into those that teach and those that judge.
 #[derive(Clone, Debug)]
@@ -100,17 +101,39 @@ pub(crate) const READ_EVERY: usize = 10;
 /// The loss and its terms, read back together.
 fn read_losses(loss: &StepLoss) -> (f64, Vec<(&'static str, f64)>) {
     let terms = loss.terms.iter().map(|(_, term)| term);
-    let all: Vec<_> = std::iter::once(&loss.total).chain(terms).map(|value| value.clone().inner()).collect();
+    let all: Vec<_> = std::iter::once(&loss.total).chain(terms).cloned().collect();
     let mut values = Tensor::cat(all, 0).into_data().iter::<f64>().collect::<Vec<_>>().into_iter();
     let total = values.next().unwrap_or(f64::NAN);
     (total, loss.terms.iter().map(|(name, _)| *name).zip(values).collect())
+}
+
+/// What a step looks at.
+struct Work {
+    pixels: Pixels,
+    noise: StepNoise,
+    /// Rays that end at known z-depths.
+    sparse: (Vec<Ray>, Vec<f32>),
+}
+
+impl Work {
+    /// The first `count` rays, and as large a share of the others; what remains stays.
+    fn take_first(&mut self, count: usize) -> Self {
+        let (rays, z_depth) = &mut self.sparse;
+        let known = rays.len() * count / self.pixels.len().max(1);
+        let rest = (rays.split_off(known), z_depth.split_off(known));
+        Self {
+            pixels: self.pixels.take_first(count),
+            noise: self.noise.take_first(count),
+            sparse: std::mem::replace(&mut self.sparse, rest),
+        }
+    }
 }
 
 /// A field in training.
 pub struct Trainer<'a, F> {
     config: TrainConfig,
     views: ViewSplit<'a>,
-    device: Device,
+    team: Team,
     bound: Option<SkipGrid>,
     sparse: SparseTargets,
     field: F,
@@ -130,7 +153,14 @@ impl<'a, F: Field + Module> Trainer<'a, F> {
     /// Takes a field on `device.autodiff()`; `device` itself is without autodiff.
     pub fn new(field: F, views: ViewSplit<'a>, config: TrainConfig, device: Device) -> Self {
         let sparse = SparseTargets::default();
-        Self { config, views, device, bound: None, sparse, field, optimizer: adam(), step: 0, last: None }
+        let team = Team::alone(device);
+        Self { config, views, team, bound: None, sparse, field, optimizer: adam(), step: 0, last: None }
+    }
+
+    /// Shares each step with other devices, which are without autodiff too: every one takes as many of its rays.
+    #[must_use]
+    pub fn with_helpers(self, helpers: impl IntoIterator<Item = Device>) -> Self {
+        Self { team: self.team.with(helpers), ..self }
     }
 
     /// Searches rays only where the object can be (see [`PixelBatch::draw`]).
@@ -180,18 +210,30 @@ impl<'a, F: Field + Module> Trainer<'a, F> {
     pub fn step(&mut self) -> Result<StepReport> {
         let config = &self.config;
         let mut rng = step_rng(config.seed, self.step as u64 + 1);
-        let batch = PixelBatch::draw(&self.views.train, config.sampling(), self.bound.as_ref(), &mut rng, &self.device);
-        let noise = StepNoise::draw(config, batch.len(), &mut rng);
-        let frozen = self.field.valid();
-        let mut loss = step_loss(&self.field, &frozen, &batch, &noise, config, self.step);
-        if let Some(sparse) = self.sparse_loss(&frozen, &mut rng) {
-            loss.total = loss.total + sparse.clone();
-            loss.terms.push(("sparse_depth", sparse));
-        }
+        let mut work = self.draw(&mut rng);
+        let (rays, patch) = (work.pixels.len(), config.sampling().patch_pixels());
+        let parts = shares(rays / patch, self.team.len()).map(|patches| {
+            let count = patches.len() * patch;
+            Part { weight: count as f64 / rays as f64, work: work.take_first(count) }
+        });
+        let learn = |field: &F, Work { pixels, noise, sparse }: Work, device: &Device| {
+            let batch = PixelBatch::of_pixels(pixels, patch, self.bound.as_ref(), device);
+            let frozen = field.valid();
+            let mut loss = step_loss(field, &frozen, &batch, &noise, config, self.step);
+            let (rays, z_depth) = sparse;
+            if !rays.is_empty() {
+                let rays = Rays::new(&rays, UnitCube::default(), device);
+                if let Some(sparse) = sparse_depth_loss(field, &frozen, &rays, &z_depth, config, self.step) {
+                    loss.total = loss.total + sparse.clone();
+                    loss.terms.push(("sparse_depth", sparse));
+                }
+            }
+            loss
+        };
+        let (loss, gradients) = self.team.learn(&self.field, parts.collect(), learn);
 
         let report = StepReport::of(&loss, config, self.step, self.last.as_ref())?;
-        if !loss.terms.is_empty() {
-            let gradients = GradientsParams::from_grads(loss.total.backward(), &self.field);
+        if let Some(gradients) = gradients {
             self.field = self.optimizer.step(report.learning_rate, self.field.clone(), gradients);
         }
         self.step += 1;
@@ -199,15 +241,14 @@ impl<'a, F: Field + Module> Trainer<'a, F> {
         Ok(report)
     }
 
-    /// The sparse depth term, where it has a weight and points.
-    fn sparse_loss(&self, frozen: &F, rng: &mut ChaCha8Rng) -> Option<Tensor<1>> {
-        let weights = &self.config.losses;
-        if weights.sparse_depth == 0.0 || self.sparse.is_empty() || weights.sparse_points == 0 {
-            return None;
-        }
-        let (rays, z_depth) = self.sparse.draw(weights.sparse_points, rng);
-        let rays = Rays::new(&rays, UnitCube::default(), &self.device);
-        sparse_depth_loss(&self.field, frozen, &rays, &z_depth, &self.config, self.step)
+    /// What the next step looks at.
+    fn draw(&self, rng: &mut ChaCha8Rng) -> Work {
+        let config = &self.config;
+        let mut pixels = Pixels::default();
+        pixels.draw(&self.views.train, config.sampling(), rng);
+        let noise = StepNoise::draw(config, pixels.len(), rng);
+        let sparse_points = if config.losses.sparse_depth > 0.0 { config.losses.sparse_points } else { 0 };
+        Work { pixels, noise, sparse: self.sparse.draw(sparse_points, rng) }
     }
 
     /// The field, on its tape, and the optimiser.

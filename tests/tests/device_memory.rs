@@ -33,6 +33,7 @@ fn a_run_that_holds_more_memory_than_it_may_is_saved_and_ends() {
     let run = RunFolder::new(folder.path().join("run"));
     run.create().unwrap();
     let options = RunOptions {
+        helpers: Vec::new(),
         folder: run.clone(),
         device: gpu,
         reading: serde_json::Value::Null,

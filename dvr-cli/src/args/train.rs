@@ -9,6 +9,7 @@ use dvr_train::Supervision;
 
 use super::values::{parse_bytes, parse_capacity, parse_duration};
 use super::{BackendArg, MeshingArgs, SceneArgs};
+use crate::backend::Backend;
 
 /// Arguments of `dvr train`.
 #[derive(Args, Debug)]
@@ -77,6 +78,10 @@ pub struct TrainArgs {
     pub meshing: MeshingArgs,
     #[command(flatten)]
     pub backend: BackendArg,
+    /// Share each step of a network with these too, e.g. --backend gpu:0 --also-on gpu:1,gpu:2. Each takes as many rays,
+    /// or of a dataset as many objects
+    #[arg(long, value_name = "BACKEND", value_delimiter = ',')]
+    pub also_on: Vec<Backend>,
     #[command(flatten)]
     pub reading: SceneArgs,
 }

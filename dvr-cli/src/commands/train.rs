@@ -52,6 +52,9 @@ pub fn run(args: &TrainArgs) -> Result<ExitCode> {
 
 /// Trains, then writes mesh, preview and figures.
 fn train_scene(args: &TrainArgs, folder: &RunFolder, config: Method, resumed: Option<&Checkpoint>) -> Result<ExitCode> {
+    if matches!(config, Method::Lattice(_)) && !args.also_on.is_empty() {
+        bail!("--also-on shares the steps of networks: --method network or classic, and datasets of many objects");
+    }
     let device = args.backend.backend.training_device(&config)?;
     limit_training(&device, args.reading.memory, &config)?;
     let (mut scene, reading) = match resumed {
@@ -136,6 +139,7 @@ pub(super) fn run_options(
     Ok(RunOptions {
         folder: folder.clone(),
         device,
+        helpers: args.also_on.iter().map(|backend| backend.device()).collect::<Result<_>>()?,
         reading,
         time_limit: args.time,
         refined: None,

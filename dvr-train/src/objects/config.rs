@@ -11,8 +11,8 @@ use crate::error::{Error, Result};
 /// Everything that determines a run over many objects, besides the dataset and the backend.
 ///
 /// In JSON the keys of [`TrainConfig`] stand beside the others. Of these, `rays` counts the rays of one object in a
-/// step, and `hull`, `refine_cameras` and `hold_out_every` have no meaning: a hull would need all views of an object,
-/// and what is held out are objects.
+/// step, and of `hull` only `resolution` has a meaning, `refine_cameras` and `hold_out_every` none: what is held out are
+/// objects.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ObjectsConfig {
     /// What makes the latent code of an object.
@@ -28,6 +28,11 @@ pub struct ObjectsConfig {
     /// Whether only one view of each object ever teaches, the same in all steps: the publication's single-view
     /// supervision.
     pub one_view: bool,
+    /// With `rgb`: weight of the loss against the depth of the visual hull of all masks of an object, `hull.resolution`
+    /// voxels wide; colours then teach the texture alone. 0 leaves it out, and colours shape the surface. So they do
+    /// with `one_view`, where other views' masks are not known.
+    #[serde(default)]
+    pub hull_depth: f64,
     /// Points of each object in a step of `occupancy` supervision.
     pub points: usize,
     /// Objects of the validation split that a validation looks at, spread evenly over them.
@@ -51,6 +56,7 @@ impl ObjectsConfig {
             objects: 16,
             views: 1,
             one_view: false,
+            hull_depth: 10.0,
             points: 512,
             validate_objects: 40,
             train: TrainConfig {
@@ -78,6 +84,7 @@ impl ObjectsConfig {
         Self {
             encoder,
             objects: 64,
+            hull_depth: 0.0,
             points: 2048,
             train: TrainConfig {
                 steps: 300_000,
@@ -92,6 +99,24 @@ impl ObjectsConfig {
             },
             ..Self::new(supervision)
         }
+    }
+
+    /// Whether visual hulls stand for depth maps.
+    pub(crate) fn uses_hulls(&self) -> bool {
+        self.train.supervision == Supervision::Rgb && !self.one_view && self.hull_depth > 0.0
+    }
+
+    /// What a step's loss follows: [`ObjectsConfig::train`], with hulls in the place of depth maps where they are used.
+    pub(crate) fn objective(&self) -> TrainConfig {
+        let mut config = self.train.clone();
+        if self.uses_hulls() {
+            let losses = &mut config.losses;
+            losses.depth = self.hull_depth;
+            // Where the depth is known, what colour says of it is noise: it fits one object's pixels, not the next one's.
+            losses.texture += std::mem::take(&mut losses.color);
+            losses.image_gradient = 0.0;
+        }
+        config
     }
 
     /// Encoder and decoder together.
@@ -110,6 +135,9 @@ impl ObjectsConfig {
             let key = wrong.key.replace("decoder.", "model.");
             Error::Config(format!("`{key}` is {}, it must be {}", wrong.value, wrong.range))
         })?;
+        if !(self.hull_depth >= 0.0 && self.hull_depth.is_finite()) {
+            return Err(Error::Config(format!("`hull_depth` is {}, it must be at least 0", self.hull_depth)));
+        }
         let counts = [("objects", self.objects), ("views", self.views), ("points", self.points)];
         if let Some((key, _)) = counts.iter().find(|(_, count)| *count == 0) {
             return Err(Error::Config(format!("`{key}` is 0, it must be at least 1")));

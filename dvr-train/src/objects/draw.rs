@@ -12,6 +12,7 @@ use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 
 use super::config::ObjectsConfig;
+use super::hulls::{CoarseHull, Hulls};
 use crate::batch::Pixels;
 use crate::config::Supervision;
 use crate::error::{Error, Result};
@@ -38,12 +39,61 @@ pub(crate) enum Lesson {
     Points { points: Vec<Vec3>, inside: Vec<bool>, owner: Vec<i64> },
 }
 
+impl ObjectsBatch {
+    /// The first `count` objects; the others stay.
+    pub fn take_first(&mut self, count: usize) -> Self {
+        let rows = self.rows.split_off(count);
+        let inputs = self.inputs.split_off(count.min(self.inputs.len()));
+        let rest = Self { rows, inputs, lesson: self.lesson.without_first(count as i64) };
+        std::mem::replace(self, rest)
+    }
+}
+
+impl Lesson {
+    /// How many pixels or points there are.
+    pub fn len(&self) -> usize {
+        match self {
+            Self::Pixels { owner, .. } | Self::Points { owner, .. } => owner.len(),
+        }
+    }
+
+    /// Takes away what belongs to all objects but the first `objects`, which are counted anew.
+    fn without_first(&mut self, objects: i64) -> Self {
+        let first = |owner: &mut Vec<i64>| {
+            let mut rest = owner.split_off(owner.partition_point(|owner| *owner < objects));
+            rest.iter_mut().for_each(|owner| *owner -= objects);
+            rest
+        };
+        match self {
+            Self::Pixels { pixels, owner, noise } => {
+                let rest = first(owner);
+                let (own_pixels, own_noise) = (pixels.take_first(owner.len()), noise.take_first(owner.len()));
+                Self::Pixels {
+                    pixels: std::mem::replace(pixels, own_pixels),
+                    owner: rest,
+                    noise: std::mem::replace(noise, own_noise),
+                }
+            }
+            Self::Points { points, inside, owner } => {
+                let rest = first(owner);
+                Self::Points {
+                    points: points.split_off(owner.len()),
+                    inside: inside.split_off(owner.len()),
+                    owner: rest,
+                }
+            }
+        }
+    }
+}
+
 /// Draws the batches of a run. Batch `k` depends on the seed, `k` and the files, and on nothing else.
 pub(crate) struct BatchDrawer {
     dataset: Arc<ObjectDataset>,
     config: ObjectsConfig,
     /// The training objects.
     objects: Vec<usize>,
+    /// Where the masks' hulls stand for depth maps.
+    hulls: Option<Hulls>,
     broken: Mutex<BTreeMap<usize, String>>,
 }
 
@@ -55,7 +105,7 @@ struct Drawn {
 }
 
 enum DrawnLesson {
-    Views(Vec<View>),
+    Views(Vec<View>, Option<Arc<CoarseHull>>),
     Points(Vec<(Vec3, bool)>),
 }
 
@@ -77,7 +127,8 @@ impl BatchDrawer {
             )
             .into());
         }
-        Ok(Self { dataset, config, objects, broken: Mutex::default() })
+        let hulls = config.uses_hulls().then(|| Hulls::new(config.train.hull.resolution));
+        Ok(Self { dataset, config, objects, hulls, broken: Mutex::default() })
     }
 
     /// How many objects are trained on.
@@ -107,9 +158,14 @@ impl BatchDrawer {
         for (place, object) in drawn.into_iter().enumerate() {
             inputs.extend(object.input);
             match object.lesson {
-                DrawnLesson::Views(views) => {
+                DrawnLesson::Views(views, hull) => {
                     let views: Vec<&View> = views.iter().collect();
+                    let first = pixels.len();
                     pixels.draw(&views, self.config.train.sampling(), &mut rng);
+                    if let Some(hull) = hull {
+                        pixels.z_depth.truncate(first);
+                        pixels.z_depth.extend(pixels.rays[first..].iter().map(|ray| hull.depth(ray)));
+                    }
                     owner.resize(pixels.len(), place as i64);
                 }
                 DrawnLesson::Points(samples) => {
@@ -182,7 +238,8 @@ impl BatchDrawer {
         let lesson = if config.train.supervision == Supervision::Occupancy {
             DrawnLesson::Points(self.draw_points(object, &mut rng)?)
         } else {
-            DrawnLesson::Views(self.draw_views(object, &mut rng)?)
+            let hull = self.hulls.as_ref().map(|hulls| hulls.of(dataset, object)).transpose()?;
+            DrawnLesson::Views(self.draw_views(object, &mut rng)?, hull)
         };
         Ok(Drawn { row, input, lesson })
     }

@@ -3,6 +3,7 @@
 mod config;
 mod draw;
 mod evaluate;
+mod hulls;
 mod loader;
 mod mean_shape;
 mod model;

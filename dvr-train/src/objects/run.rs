@@ -89,7 +89,8 @@ pub fn train_objects(
         }
     }
     observer.phase("reading validation objects", 1);
-    let mut learner = ObjectsTrainer::new(dataset.clone(), config.clone(), options.device.clone())?;
+    let mut learner = ObjectsTrainer::new(dataset.clone(), config.clone(), options.device.clone())?
+        .with_helpers(options.helpers.clone());
     if let (Some(path), None) = (&config.pretrained, resume_from) {
         learner.start_from(path)?;
     }

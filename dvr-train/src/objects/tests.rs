@@ -165,6 +165,19 @@ fn header(trainer: &ObjectsTrainer) -> crate::checkpoint::CheckpointHeader {
     }
 }
 
+/// Makes trainers that all start from the same parameters: tests that run at the same time share burn's random numbers.
+fn newborn(dataset: &Arc<ObjectDataset>, config: &ObjectsConfig) -> impl Fn() -> ObjectsTrainer {
+    let new = |dataset: &Arc<ObjectDataset>, config: &ObjectsConfig| {
+        ObjectsTrainer::new(dataset.clone(), config.clone(), Device::flex()).unwrap()
+    };
+    let start = new(dataset, config).state().unwrap();
+    move || {
+        let mut trainer = new(dataset, config);
+        trainer.resume(&start, 0).unwrap();
+        trainer
+    }
+}
+
 #[test]
 fn training_goes_on_after_a_break_as_if_there_had_been_none() {
     let (_folder, dataset) = dataset();
@@ -175,7 +188,7 @@ fn training_goes_on_after_a_break_as_if_there_had_been_none() {
         [(convolutional, Supervision::RgbDepth), (resnet, Supervision::Rgb), (codes, Supervision::Occupancy)]
     {
         let config = ObjectsConfig { encoder, ..small(supervision) };
-        let new = || ObjectsTrainer::new(dataset.clone(), config.clone(), Device::flex()).unwrap();
+        let new = newborn(&dataset, &config);
         let mut whole = new();
         (0..4).for_each(|_| drop(whole.step().unwrap()));
         let mut first = new();
@@ -187,6 +200,32 @@ fn training_goes_on_after_a_break_as_if_there_had_been_none() {
         assert_eq!(answers(&whole, &dataset), answers(&second, &dataset), "{supervision}");
         assert_ne!(answers(&whole, &dataset), answers(&first, &dataset));
         assert_eq!(whole.validate(100), second.validate(100));
+    }
+}
+
+#[test]
+fn devices_that_share_the_objects_of_a_step_learn_what_one_does() {
+    let (_folder, dataset) = dataset();
+    let convolutional = small(Supervision::Rgb).encoder;
+    let codes = EncoderConfig::Codes { objects: 6 };
+    for (encoder, supervision) in
+        [(codes.clone(), Supervision::Rgb), (codes, Supervision::Occupancy), (convolutional, Supervision::Rgb)]
+    {
+        let mut config = ObjectsConfig { encoder, ..small(supervision) };
+        // Its points are drawn among a device's own hits.
+        config.train.losses.normal = 0.0;
+        let new = newborn(&dataset, &config);
+        let learn = |helpers: usize| {
+            let mut trainer = new().with_helpers(vec![Device::flex(); helpers]);
+            (0..3).for_each(|_| drop(trainer.step().unwrap()));
+            answers(&trainer, &dataset)
+        };
+        let alone = learn(0);
+        // More devices than objects are no problem.
+        for helpers in [1, 2, 20] {
+            let apart = learn(helpers).iter().zip(&alone).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+            assert!(apart < 1e-4, "{supervision}, {helpers} helpers: {apart:e}");
+        }
     }
 }
 

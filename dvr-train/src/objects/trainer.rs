@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use burn::module::Module;
-use burn::optim::{GradientsParams, ModuleOptimizer};
+use burn::optim::ModuleOptimizer;
 use burn::tensor::{Device, Tensor, TensorData};
 use dvr_core::dataset::ObjectDataset;
 use dvr_model::{Conditioned, ImageModel, load_pretrained};
@@ -13,7 +13,7 @@ use dvr_render::{Field, Query};
 use glam::Vec3;
 
 use super::config::ObjectsConfig;
-use super::draw::{BatchDrawer, Lesson};
+use super::draw::{BatchDrawer, Lesson, ObjectsBatch};
 use super::loader::Loader;
 use super::model::{image_tensor, rows_tensor};
 use super::validate::{Judge, judge, read_judges};
@@ -24,6 +24,7 @@ use crate::error::{Error, Result};
 use crate::learner::{Learner, module_state, restore_module, restore_optimizer};
 use crate::losses;
 use crate::objective::{StepLoss, step_loss};
+use crate::team::{Part, Team, shares};
 use crate::trainer::StepReport;
 use crate::validate::Agreement;
 
@@ -31,7 +32,7 @@ use crate::validate::Agreement;
 pub struct ObjectsTrainer {
     config: ObjectsConfig,
     dataset: Arc<ObjectDataset>,
-    device: Device,
+    team: Team,
     drawer: Arc<BatchDrawer>,
     /// Started by the first step, so that a resumed run draws no batch in vain.
     loader: Option<Loader>,
@@ -61,7 +62,7 @@ impl ObjectsTrainer {
         Ok(Self {
             config,
             dataset,
-            device,
+            team: Team::alone(device),
             drawer,
             loader: None,
             judges,
@@ -74,6 +75,13 @@ impl ObjectsTrainer {
         })
     }
 
+    /// Shares each step with other devices, which are without autodiff too: every one takes as many of its objects.
+    /// Batch normalisation takes each device's objects by themselves, and remembers those of the first.
+    #[must_use]
+    pub fn with_helpers(self, helpers: impl IntoIterator<Item = Device>) -> Self {
+        Self { team: self.team.with(helpers), ..self }
+    }
+
     /// The configuration.
     pub fn config(&self) -> &ObjectsConfig {
         &self.config
@@ -84,7 +92,7 @@ impl ObjectsTrainer {
     /// # Errors
     /// When it holds no ResNet-18, or the encoder is none.
     pub fn start_from(&mut self, path: &Path) -> Result<()> {
-        let device = self.device.clone().autodiff();
+        let device = self.team.first().clone().autodiff();
         let encoder = load_pretrained(self.model.encoder.clone(), path, &device);
         self.model.encoder = encoder.map_err(|e| Error::Config(format!("pretrained {}: {e}", path.display())))?;
         Ok(())
@@ -110,18 +118,30 @@ impl ObjectsTrainer {
         let object = &self.dataset.objects()[object];
         format!("{}/{}", object.category, object.name)
     }
+}
 
-    /// The loss of a step's lesson.
-    fn loss(&self, field: &Conditioned, frozen: &Conditioned, lesson: Lesson) -> StepLoss {
-        let config = &self.config.train;
-        match lesson {
-            Lesson::Pixels { pixels, owner, noise } => {
-                let batch = PixelBatch::of_pixels(pixels, config.sampling().patch_pixels(), None, &self.device);
-                step_loss(field, frozen, &batch.with_objects(owner), &noise, config, self.step)
-            }
-            Lesson::Points { points, inside, owner } => {
-                occupancy_loss(field, &points, &inside, &owner, &self.device.clone().autodiff())
-            }
+/// The loss of some objects after so many steps: a picture of each is encoded, and what their fields show compared with
+/// the lesson.
+fn objects_loss(
+    model: &ImageModel,
+    batch: ObjectsBatch,
+    config: &ObjectsConfig,
+    steps_done: usize,
+    device: &Device,
+) -> StepLoss {
+    let images = image_tensor(&batch.inputs.iter().collect::<Vec<_>>(), device);
+    let rows = rows_tensor(&batch.rows, device);
+    let codes = model.codes(Tensor::from_inner(images), Tensor::from_inner(rows));
+    let frozen = model.decoder.valid().with_codes(codes.clone().inner());
+    let field = model.field(codes);
+    match batch.lesson {
+        Lesson::Pixels { pixels, owner, noise } => {
+            let config = config.objective();
+            let batch = PixelBatch::of_pixels(pixels, config.sampling().patch_pixels(), None, device);
+            step_loss(&field, &frozen, &batch.with_objects(owner), &noise, &config, steps_done)
+        }
+        Lesson::Points { points, inside, owner } => {
+            occupancy_loss(&field, &points, &inside, &owner, &device.clone().autodiff())
         }
     }
 }
@@ -151,16 +171,19 @@ impl Learner for ObjectsTrainer {
     /// All randomness comes from the seed and the step's number: a resumed run draws what an unbroken one would.
     fn step(&mut self) -> Result<StepReport> {
         let loader = self.loader.get_or_insert_with(|| Loader::start(&self.drawer, self.step + 1));
-        let batch = loader.next_batch()?;
-        let images = image_tensor(&batch.inputs.iter().collect::<Vec<_>>(), &self.device);
-        let rows = rows_tensor(&batch.rows, &self.device);
-        let codes = self.model.codes(Tensor::from_inner(images), Tensor::from_inner(rows));
-        let frozen = self.model.decoder.valid().with_codes(codes.clone().inner());
-        let loss = self.loss(&self.model.field(codes), &frozen, batch.lesson);
+        let mut batch = loader.next_batch()?;
+        let whole = batch.lesson.len();
+        let parts = shares(batch.rows.len(), self.team.len()).map(|objects| {
+            let work = batch.take_first(objects.len());
+            Part { weight: work.lesson.len() as f64 / whole as f64, work }
+        });
+        let parts = parts.collect();
+        let (config, step) = (&self.config, self.step);
+        let learn = |model: &ImageModel, batch, device: &Device| objects_loss(model, batch, config, step, device);
+        let (loss, gradients) = self.team.learn(&self.model, parts, learn);
 
         let report = StepReport::of(&loss, &self.config.train, self.step, self.last.as_ref())?;
-        if !loss.terms.is_empty() {
-            let gradients = GradientsParams::from_grads(loss.total.backward(), &self.model);
+        if let Some(gradients) = gradients {
             self.model = self.optimizer.step(report.learning_rate, self.model.clone(), gradients);
         }
         self.step += 1;
@@ -177,7 +200,7 @@ impl Learner for ObjectsTrainer {
     }
 
     fn validate(&self, pixels: usize) -> Option<Agreement> {
-        judge(&self.model.valid(), &self.judges, pixels, &self.device)
+        judge(&self.model.valid(), &self.judges, pixels, self.team.first())
     }
 
     fn state(&self) -> Result<LearnerState> {

@@ -1,0 +1,44 @@
+//! A step that several devices share is the step of one.
+
+use burn::tensor::Device;
+use dvr_core::mesh::shapes;
+use dvr_model::DecoderConfig;
+use dvr_render::{Field, Query};
+use dvr_tests::{devices, graphics_processor, numbers, relative_difference, rendered_scene, tensor3};
+use dvr_train::{Supervision, TrainConfig, Trainer, ViewSplit};
+
+const STEPS: usize = 6;
+
+#[test]
+fn what_devices_learn_together_is_what_one_learns_alone() {
+    let scene = rendered_scene(shapes::icosphere(2, 1.0), 10, 24);
+    let mut config = TrainConfig { rays: 252, steps: STEPS, ..TrainConfig::new(Supervision::RgbDepth) };
+    config.model = DecoderConfig::new().with_hidden(32).with_blocks(2).with_octaves(2);
+    // Its points are drawn among a device's own hits.
+    config.losses.normal = 0.0;
+    let learn = |helpers: &[Device]| {
+        let device = Device::flex();
+        device.seed(0);
+        let field = config.model.init(&device.clone().autodiff());
+        let views = ViewSplit::new(&scene, config.hold_out_every).unwrap();
+        let trainer = Trainer::new(field, views, config.clone(), device.clone());
+        let mut trainer = trainer.with_helpers(helpers.iter().cloned());
+        let reports: Vec<_> = (0..STEPS).map(|_| trainer.step().unwrap()).collect();
+        let points: Vec<[f64; 3]> = (0..50).map(|i| [0.01, 0.007, -0.013].map(|x| x * f64::from(i))).collect();
+        let logits = trainer.frozen().occupancy_logit(&Query::new(tensor3(&points, &device)));
+        (reports, numbers(logits))
+    };
+    let (reports, logits) = learn(&[]);
+    let mut helpers: Vec<Device> = devices().into_iter().map(|(_, device)| device).collect();
+    helpers.extend(graphics_processor());
+    for count in 1..=helpers.len() {
+        let (shared, shared_logits) = learn(&helpers[..count]);
+        let apart = relative_difference(&shared_logits, &logits);
+        println!("{} devices: {apart:e} apart", count + 1);
+        assert!(apart < 1e-3, "{} devices: {apart:e}", count + 1);
+        for (shared, alone) in shared.iter().zip(&reports) {
+            assert!((shared.loss - alone.loss).abs() < 1e-3 * alone.loss, "{} and {}", shared.loss, alone.loss);
+            assert_eq!(shared.terms.len(), alone.terms.len(), "the parts' terms are added up");
+        }
+    }
+}
