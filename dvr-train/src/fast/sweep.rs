@@ -100,7 +100,7 @@ impl Shrunk {
     /// Interpolated colour at a place in the photograph's own pixels; no numbers at the outline and beyond.
     fn sample(&self, pixel: Vec2) -> Vec3 {
         let at = pixel / self.factor as f32 - 0.5;
-        if !(at.x >= 0.0 && at.y >= 0.0 && at.x < (self.width - 1) as f32 && at.y < (self.height - 1) as f32) {
+        if !(at.x >= 0.0 && at.y >= 0.0 && at.x < self.width as f32 - 1.0 && at.y < self.height as f32 - 1.0) {
             return Vec3::NAN;
         }
         let (x, y) = (at.x as usize, at.y as usize);
@@ -213,7 +213,7 @@ impl Sweep<'_> {
         let depth = |k: usize| toward - reach / direction.length() + k as f32 * step;
         let is_inside = |k: &usize| {
             let point = origin + depth(*k) * direction;
-            point.abs().max_element() < self.lattice.half_extent() && self.lattice.value(self.hull, point) > 0.0
+            depth(*k) > 0.0 && point.abs().max_element() < self.lattice.half_extent() && self.lattice.value(self.hull, point) > 0.0
         };
         let enters = (0..steps).find(is_inside)?;
         let leaves = (enters..steps).find(|k| !is_inside(k)).unwrap_or(steps);
