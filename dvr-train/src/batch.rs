@@ -117,23 +117,10 @@ impl Pixels {
 }
 
 impl PixelBatch {
-    /// Draws patches from views, every view equally often.
+    /// Moves pixels to a device; `patch_pixels` of them make a patch.
     ///
     /// `bound` says where the object can be; without it, the whole cube is searched. A pixel that shows the object is
     /// searched along its whole ray where the bound leaves nothing of it: masks may contradict each other.
-    pub fn draw(
-        views: &[&View],
-        sampling: PixelSampling,
-        bound: Option<&SkipGrid>,
-        rng: &mut impl Rng,
-        device: &Device,
-    ) -> Self {
-        let mut pixels = Pixels::default();
-        pixels.draw(views, sampling, rng);
-        Self::of_pixels(pixels, sampling.patch_pixels(), bound, device)
-    }
-
-    /// Moves pixels to a device; `patch_pixels` of them make a patch, and `bound` is that of [`PixelBatch::draw`].
     pub fn of_pixels(pixels: Pixels, patch_pixels: usize, bound: Option<&SkipGrid>, device: &Device) -> Self {
         let color = Tensor::from_data(TensorData::new(pixels.color, [pixels.object.len(), 3]), device);
         Self::new(&pixels.rays, color, pixels.object, pixels.z_depth, patch_pixels, bound, device)

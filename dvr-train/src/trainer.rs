@@ -163,7 +163,7 @@ impl<'a, F: Field + Module> Trainer<'a, F> {
         Self { team: self.team.with(helpers), ..self }
     }
 
-    /// Searches rays only where the object can be (see [`PixelBatch::draw`]).
+    /// Searches rays only where the object can be (see [`PixelBatch::of_pixels`]).
     #[must_use]
     pub fn with_bound(self, bound: Option<SkipGrid>) -> Self {
         Self { bound, ..self }

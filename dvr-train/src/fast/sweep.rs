@@ -37,6 +37,9 @@ const LOOKED_IN: usize = 5;
 /// Views that must see through a node, and how many times as many as see it solid.
 const SEE_THROUGH: (usize, usize) = (2, 2);
 
+/// Views below which two that match by chance are too many.
+const MIN_VIEWS: usize = 6;
+
 /// What is carved out of the hull, as a distance-like value at the nodes of a coarse lattice: negative where nothing is.
 pub(super) struct Carving {
     lattice: Lattice,
@@ -45,8 +48,11 @@ pub(super) struct Carving {
 
 impl Carving {
     /// Sweeps about so many pixels, spread evenly over the views; `hull` holds the hull's distance at the nodes of
-    /// `lattice`, positive inside. `None` where nothing is carved.
+    /// `lattice`, positive inside. `None` where nothing is carved, and where there are few views.
     pub fn sweep(views: &[FastView], lattice: &Lattice, hull: &[f32], pixels: usize) -> Option<Self> {
+        if views.len() < MIN_VIEWS {
+            return None;
+        }
         let pictures: Vec<Shrunk> = views.par_iter().map(|view| Shrunk::new(view, 0.5 * lattice.spacing())).collect();
         let objects: usize = pictures.iter().map(|picture| picture.object_pixels()).sum();
         let stride = ((objects as f64 / pixels.max(1) as f64).sqrt().ceil() as usize).max(1);
@@ -213,7 +219,9 @@ impl Sweep<'_> {
         let depth = |k: usize| toward - reach / direction.length() + k as f32 * step;
         let is_inside = |k: &usize| {
             let point = origin + depth(*k) * direction;
-            depth(*k) > 0.0 && point.abs().max_element() < self.lattice.half_extent() && self.lattice.value(self.hull, point) > 0.0
+            depth(*k) > 0.0
+                && point.abs().max_element() < self.lattice.half_extent()
+                && self.lattice.value(self.hull, point) > 0.0
         };
         let enters = (0..steps).find(is_inside)?;
         let leaves = (enters..steps).find(|k| !is_inside(k)).unwrap_or(steps);
