@@ -34,8 +34,9 @@ const LEAD: f32 = 0.05;
 /// Other views that a patch is looked for in.
 const LOOKED_IN: usize = 5;
 
-/// Views that must see through a node, and how many times as many as see it solid.
-const SEE_THROUGH: (usize, usize) = (2, 2);
+/// Views that must see through a node, and how many times as many as see it solid: highlights match behind the surface
+/// that they shine on.
+const SEE_THROUGH: (usize, usize) = (2, 3);
 
 /// Views below which two that match by chance are too many.
 const MIN_VIEWS: usize = 6;
