@@ -75,13 +75,12 @@ pub struct Pixels {
 impl Pixels {
     /// The first `count` pixels; the others stay.
     pub(crate) fn take_first(&mut self, count: usize) -> Self {
-        let rest = Self {
-            rays: self.rays.split_off(count),
-            color: self.color.split_off(3 * count),
-            object: self.object.split_off(count),
-            z_depth: self.z_depth.split_off(count),
-        };
-        std::mem::replace(self, rest)
+        Self {
+            rays: self.rays.drain(..count).collect(),
+            color: self.color.drain(..3 * count).collect(),
+            object: self.object.drain(..count).collect(),
+            z_depth: self.z_depth.drain(..count).collect(),
+        }
     }
 
     /// Draws patches from views, every view equally often, and adds them to those that are there.

@@ -44,12 +44,11 @@ impl StepNoise {
     /// The numbers of the first `count` rays of those that are left, and as large a share of the neighbours.
     pub(crate) fn take_first(&mut self, count: usize) -> Self {
         let neighbors = self.neighbor.len() * count / self.along.len().max(1);
-        let rest = Self {
-            jitter: self.jitter.as_mut().map(|jitter| jitter.split_off(count)),
-            along: self.along.split_off(count),
-            neighbor: self.neighbor.split_off(neighbors),
-        };
-        std::mem::replace(self, rest)
+        Self {
+            jitter: self.jitter.as_mut().map(|jitter| jitter.drain(..count).collect()),
+            along: self.along.drain(..count).collect(),
+            neighbor: self.neighbor.drain(..neighbors).collect(),
+        }
     }
 }
 
@@ -83,7 +82,8 @@ pub fn step_loss(
             let background = DistinctRows::new(&roles.background_hits, hits.len(), &device);
             add("free_space", weights.free_space, losses::free_space(background.of_column(surface.occupancy_logit)));
         }
-        if weights.normal > 0.0 {
+        // Of a step that is shared, a part may have no neighbours left.
+        if weights.normal > 0.0 && !noise.neighbor.is_empty() {
             add("normal", weights.normal, normal_term(field, hits, noise, config));
         }
     }

@@ -120,11 +120,10 @@ impl Work {
     fn take_first(&mut self, count: usize) -> Self {
         let (rays, z_depth) = &mut self.sparse;
         let known = rays.len() * count / self.pixels.len().max(1);
-        let rest = (rays.split_off(known), z_depth.split_off(known));
         Self {
+            sparse: (rays.drain(..known).collect(), z_depth.drain(..known).collect()),
             pixels: self.pixels.take_first(count),
             noise: self.noise.take_first(count),
-            sparse: std::mem::replace(&mut self.sparse, rest),
         }
     }
 }

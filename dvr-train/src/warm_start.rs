@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use burn::module::Module;
 use burn::optim::GradientsParams;
 use burn::tensor::{Device, Tensor, TensorData};
-use dvr_core::hull::{Bounds, HullSettings, VisualHull};
+use dvr_core::hull::{HullSettings, VisualHull};
 use dvr_core::{UnitCube, View};
 use dvr_render::{Field, Query, SkipGrid};
 use glam::Vec3;
@@ -79,9 +79,8 @@ pub fn warm_start<F: Field + Module>(
 /// When a mask has another size than its camera's image.
 pub fn carve_hull(views: &[&View], resolution: usize) -> Result<VisualHull> {
     let pairs: Vec<_> = views.iter().map(|view| (&view.camera, &view.mask)).collect();
-    let bounds = Bounds::cube(glam::DVec3::ZERO, UnitCube::default().half_extent());
     let settings = HullSettings { max_disagreeing: views.len() / 20, ..HullSettings::default() };
-    Ok(VisualHull::carve(&pairs, bounds, resolution, &settings)?)
+    Ok(VisualHull::carve(&pairs, UnitCube::default().into(), resolution, &settings)?)
 }
 
 /// Where the object can be: the hull and a voxel around it, or `None` where it is empty.

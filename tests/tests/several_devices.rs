@@ -42,3 +42,16 @@ fn what_devices_learn_together_is_what_one_learns_alone() {
         }
     }
 }
+
+#[test]
+fn a_device_without_neighbours_for_the_normals_leaves_that_term_out() {
+    let scene = rendered_scene(shapes::icosphere(2, 1.0), 10, 24);
+    let device = Device::flex();
+    let mut config = TrainConfig { rays: 252, ..TrainConfig::new(Supervision::Rgb) };
+    config.model = DecoderConfig::new().with_hidden(16).with_blocks(1).with_octaves(0);
+    config.losses.normal_points = 1;
+    let views = ViewSplit::new(&scene, config.hold_out_every).unwrap();
+    let field = config.model.init(&device.clone().autodiff());
+    let mut trainer = Trainer::new(field, views, config, device.clone()).with_helpers([device.clone(), device]);
+    assert!((0..3).all(|_| trainer.step().unwrap().loss.is_finite()));
+}

@@ -6,7 +6,6 @@ use anyhow::Result;
 use dvr_core::dataset::read_scene;
 use dvr_core::hull::{Bounds, HullSettings, VisualHull, silhouette_consistency};
 use dvr_core::{Scene, Split, UnitCube};
-use glam::DVec3;
 use serde::Serialize;
 
 use super::print_notes;
@@ -64,7 +63,7 @@ pub fn run(args: &InfoArgs) -> Result<ExitCode> {
 
 fn look(scene: &Scene) -> Result<Info> {
     let pairs: Vec<_> = scene.views.iter().map(|view| (&view.camera, &view.mask)).collect();
-    let bounds = Bounds::cube(DVec3::ZERO, UnitCube::default().half_extent());
+    let bounds = Bounds::from(UnitCube::default());
     let hull = VisualHull::carve(&pairs, bounds, HULL_RESOLUTION, &HullSettings::default())?;
     let mut warnings = scene.warnings.clone();
     // Without a strict hull, views are measured against the hull of what all but a few agree on.

@@ -21,6 +21,7 @@ pub use wrong_masks::wrong_masks;
 use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::raster::Mask;
+use crate::ray::UnitCube;
 use silhouette::Silhouette;
 
 /// An axis-aligned box.
@@ -49,6 +50,13 @@ impl Bounds {
     /// Edge lengths.
     pub fn size(&self) -> DVec3 {
         self.max - self.min
+    }
+}
+
+/// The cube that objects live in.
+impl From<UnitCube> for Bounds {
+    fn from(cube: UnitCube) -> Self {
+        Self::cube(DVec3::ZERO, cube.half_extent())
     }
 }
 

@@ -121,22 +121,22 @@ impl Shrunk {
     }
 
     /// Colours around a pixel; `None` where not all of it is object.
-    fn patch(&self, x: usize, y: usize) -> Option<Patch> {
+    fn patch(&self, x: usize, y: usize) -> Option<ColorPatch> {
         if x < HALF || y < HALF || x + HALF >= self.width || y + HALF >= self.height {
             return None;
         }
         let side = 2 * HALF + 1;
-        Patch::new(|i| self.colors[(y + i / side - HALF) * self.width + x + i % side - HALF])
+        ColorPatch::new(|i| self.colors[(y + i / side - HALF) * self.width + x + i % side - HALF])
     }
 }
 
 /// Colours less their mean.
-struct Patch {
+struct ColorPatch {
     values: [f32; VALUES],
     variance: f32,
 }
 
-impl Patch {
+impl ColorPatch {
     /// `None` where one of the samples is no colour.
     fn new(sample: impl Fn(usize) -> Vec3) -> Option<Self> {
         let mut colors: [Vec3; SAMPLES] = std::array::from_fn(sample);
@@ -231,7 +231,7 @@ impl Sweep<'_> {
 
     /// How well a patch on the plane at a depth matches what other views show there: the mean of the two best
     /// correlations, since most may not see in. -1 where fewer than two show it.
-    fn likeness(&self, own: &FastView, patch: &Patch, directions: &[Vec3; SAMPLES], depth: f32) -> f32 {
+    fn likeness(&self, own: &FastView, patch: &ColorPatch, directions: &[Vec3; SAMPLES], depth: f32) -> f32 {
         let mut best = [-1f32; 2];
         for &other in own.neighbours.iter().take(LOOKED_IN) {
             let (view, picture) = (&self.views[other as usize], &self.pictures[other as usize]);
@@ -239,7 +239,7 @@ impl Sweep<'_> {
             if sample(SAMPLES / 2).is_nan() {
                 continue;
             }
-            let Some(seen) = Patch::new(sample) else { continue };
+            let Some(seen) = ColorPatch::new(sample) else { continue };
             let found = patch.correlation(&seen);
             if found > best[0] {
                 best = [found, best[0]];

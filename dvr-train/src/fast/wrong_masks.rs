@@ -1,8 +1,7 @@
 //! Masks that are wrong as a whole: their views are left out.
 
-use dvr_core::hull::{Bounds, wrong_masks};
+use dvr_core::hull::wrong_masks;
 use dvr_core::{Camera, Mask, UnitCube};
-use glam::DVec3;
 
 use super::config::{DisagreeingViews, FastConfig};
 use crate::error::Result;
@@ -17,7 +16,7 @@ pub(super) fn leave_out_wrong_masks(views: &mut ViewSplit, config: &FastConfig) 
         return Ok(Vec::new());
     }
     let pairs: Vec<(&Camera, &Mask)> = views.train.iter().map(|view| (&view.camera, &view.mask)).collect();
-    let wrong = wrong_masks(&pairs, Bounds::cube(DVec3::ZERO, UnitCube::default().half_extent()))?;
+    let wrong = wrong_masks(&pairs, UnitCube::default().into())?;
     let mut notes = Vec::with_capacity(wrong.len());
     // From the last on, so that the places of the others hold.
     for &view in wrong.iter().rev() {

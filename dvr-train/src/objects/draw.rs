@@ -42,10 +42,12 @@ pub(crate) enum Lesson {
 impl ObjectsBatch {
     /// The first `count` objects; the others stay.
     pub fn take_first(&mut self, count: usize) -> Self {
-        let rows = self.rows.split_off(count);
-        let inputs = self.inputs.split_off(count.min(self.inputs.len()));
-        let rest = Self { rows, inputs, lesson: self.lesson.without_first(count as i64) };
-        std::mem::replace(self, rest)
+        let pictures = count.min(self.inputs.len());
+        Self {
+            rows: self.rows.drain(..count).collect(),
+            inputs: self.inputs.drain(..pictures).collect(),
+            lesson: self.lesson.take_first(count as i64),
+        }
     }
 }
 
@@ -57,30 +59,22 @@ impl Lesson {
         }
     }
 
-    /// Takes away what belongs to all objects but the first `objects`, which are counted anew.
-    fn without_first(&mut self, objects: i64) -> Self {
-        let first = |owner: &mut Vec<i64>| {
-            let mut rest = owner.split_off(owner.partition_point(|owner| *owner < objects));
-            rest.iter_mut().for_each(|owner| *owner -= objects);
-            rest
+    /// What belongs to the first `objects` objects; the others stay, and are counted anew.
+    fn take_first(&mut self, objects: i64) -> Self {
+        let take_owners = |owner: &mut Vec<i64>| {
+            let first: Vec<i64> = owner.drain(..owner.partition_point(|owner| *owner < objects)).collect();
+            owner.iter_mut().for_each(|owner| *owner -= objects);
+            first
         };
         match self {
             Self::Pixels { pixels, owner, noise } => {
-                let rest = first(owner);
-                let (own_pixels, own_noise) = (pixels.take_first(owner.len()), noise.take_first(owner.len()));
-                Self::Pixels {
-                    pixels: std::mem::replace(pixels, own_pixels),
-                    owner: rest,
-                    noise: std::mem::replace(noise, own_noise),
-                }
+                let owner = take_owners(owner);
+                Self::Pixels { pixels: pixels.take_first(owner.len()), noise: noise.take_first(owner.len()), owner }
             }
             Self::Points { points, inside, owner } => {
-                let rest = first(owner);
-                Self::Points {
-                    points: points.split_off(owner.len()),
-                    inside: inside.split_off(owner.len()),
-                    owner: rest,
-                }
+                let owner = take_owners(owner);
+                let count = owner.len();
+                Self::Points { points: points.drain(..count).collect(), inside: inside.drain(..count).collect(), owner }
             }
         }
     }

@@ -4,9 +4,8 @@ use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use dvr_core::dataset::ObjectDataset;
-use dvr_core::hull::{Bounds, HullSettings, VisualHull};
+use dvr_core::hull::{HullSettings, VisualHull};
 use dvr_core::{Ray, UnitCube, View};
-use glam::DVec3;
 
 use crate::error::Result;
 
@@ -39,18 +38,18 @@ impl Hulls {
         let masks: Vec<_> = views.iter().map(|view| (&view.camera, &view.mask)).collect();
         // A voxel too much is depth too little: centres decide.
         let settings = HullSettings { conservative: false, ..HullSettings::default() };
-        let hull = Arc::new(CoarseHull::new(&VisualHull::carve(&masks, cube(), self.resolution, &settings)?));
+        let hull = Arc::new(CoarseHull::new(&VisualHull::carve(
+            &masks,
+            UnitCube::default().into(),
+            self.resolution,
+            &settings,
+        )?));
         let mut kept = kept();
         if (kept.len() + 1) * hull.bytes() <= KEPT_BYTES {
             kept.insert(object, hull.clone());
         }
         Ok(hull)
     }
-}
-
-/// Where objects are.
-fn cube() -> Bounds {
-    Bounds::cube(DVec3::ZERO, UnitCube::default().half_extent())
 }
 
 /// A visual hull in a bit a voxel.
@@ -94,6 +93,7 @@ impl CoarseHull {
 #[cfg(test)]
 mod tests {
     use dvr_core::{Camera, Mask};
+    use glam::DVec3;
     use image::{GrayImage, Luma};
 
     use super::*;
@@ -107,7 +107,7 @@ mod tests {
         let cameras =
             [camera(DVec3::Z * 5.0, DVec3::Y), camera(DVec3::X * 5.0, DVec3::Y), camera(DVec3::Y * 5.0, DVec3::X)];
         let views: Vec<_> = cameras.iter().map(|camera| (camera, &mask)).collect();
-        let hull = VisualHull::carve(&views, cube(), 64, &HullSettings::default()).unwrap();
+        let hull = VisualHull::carve(&views, UnitCube::default().into(), 64, &HullSettings::default()).unwrap();
         let half = 5.0 * 16.0 / 230.0;
         let hull = CoarseHull::new(&hull);
         let depth = hull.depth(&cameras[0].pixel_ray(32, 32));
