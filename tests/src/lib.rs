@@ -8,8 +8,9 @@ pub mod plain_lattice;
 mod pytorch_file;
 
 use std::path::PathBuf;
+use std::sync::{Mutex, PoisonError};
 
-use burn::module::{Module, ModuleMapper, Param};
+use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
 use burn::tensor::{DType, Device, FloatDType, Tensor, TensorData};
 use dvr_core::Scene;
 use dvr_core::dataset::{ReadOptions, read_scene};
@@ -28,6 +29,27 @@ pub fn shared(part: &str) -> Option<PathBuf> {
     }
     println!("skipped: {} is not here", path.display());
     None
+}
+
+/// A module whose parameters are burn's random numbers on the CPU from a seed on. These are those of the whole process:
+/// whatever else draws some meanwhile, in another test, must do so through this, too.
+pub fn seeded<M: Module>(seed: u64, make: impl FnOnce() -> M) -> M {
+    static TURN: Mutex<()> = Mutex::new(());
+    // A test that failed while it had them has told so.
+    let _turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
+    Device::flex().seed(seed);
+    let module = make();
+    module.visit(&mut DrawnNow);
+    module
+}
+
+/// Parameters draw their numbers when they are first looked at.
+struct DrawnNow;
+
+impl ModuleVisitor for DrawnNow {
+    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+        param.val();
+    }
 }
 
 /// Arrays that the original computed.

@@ -18,7 +18,7 @@ use burn::nn::{BatchNormConfig, PaddingConfig2d};
 use burn::optim::GradientsParams;
 use burn::tensor::{Device, FloatDType, Tensor, TensorData};
 use dvr_model::Resnet18;
-use dvr_tests::{graphics_processor, numbers, relative_difference, tensor1};
+use dvr_tests::{graphics_processor, numbers, relative_difference, seeded, tensor1};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -78,9 +78,8 @@ fn answers<M: Module>(
     init: impl Fn(&Device) -> M,
     forward: impl Fn(&M, Tensor<4>) -> Tensor<4>,
 ) -> [[Vec<f64>; 3]; 3] {
-    Device::flex().seed(3);
     let mut parameters = Collect { gradients: None, all: Vec::new() };
-    init(&Device::flex()).visit(&mut parameters);
+    seeded(3, || init(&Device::flex())).visit(&mut parameters);
     devices.clone().map(|device| {
         let device = device.autodiff();
         let module = init(&device).map(&mut Fill { device: &device, values: parameters.all.iter() });

@@ -19,7 +19,8 @@ use dvr_render::{
     SlopeRule, Surface, TensorMarcher,
 };
 use dvr_tests::{
-    graphics_processor, lattice_suite, max_difference, numbers, relative_difference, rendered_scene, tensor1, tensor3,
+    graphics_processor, lattice_suite, max_difference, numbers, relative_difference, rendered_scene, seeded, tensor1,
+    tensor3,
 };
 use dvr_train::{StepReport, Supervision, TrainConfig, Trainer, ViewSplit, carve_hull, hull_bound, warm_start};
 use glam::DVec3;
@@ -42,10 +43,10 @@ fn config(model: DecoderConfig, seed: u64) -> TrainConfig {
 /// A network that has been taught the ball's shape on the CPU, without codes.
 fn taught(config: &TrainConfig) -> Decoder {
     let device = Device::flex().autodiff();
-    Device::flex().seed(config.seed);
+    let newborn = seeded(config.seed, || config.model.init(&device));
     let views = ViewSplit::new(ball(), config.hold_out_every).unwrap();
     let hull = carve_hull(&views.train, 32).unwrap();
-    warm_start(config.model.init(&device), &hull, config, &Device::flex(), &AtomicBool::new(false), |_| ())
+    warm_start(newborn, &hull, config, &Device::flex(), &AtomicBool::new(false), |_| ())
 }
 
 /// The networks of the suite: narrow and with an encoding, of an odd width and leaky, and as wide as a unit's columns
@@ -157,10 +158,9 @@ fn the_kernel_and_tensors_on_the_device_find_what_tensors_on_the_cpu_find() {
 fn rays_of_many_objects_meet_their_own_in_the_kernel() {
     let Some(gpu) = graphics_processor() else { return };
     let flex = Device::flex();
-    flex.seed(4);
     // Codes reach the field through projections that start at random; the rest has been taught a ball.
     let mut decoder = taught(&config(DecoderConfig::new().with_hidden(32), 0)).valid();
-    let projections = DecoderConfig::new().with_hidden(32).with_code_dim(4).init(&flex).fc_c;
+    let projections = seeded(4, || DecoderConfig::new().with_hidden(32).with_code_dim(4).init(&flex).fc_c);
     decoder.fc_c = projections.into_iter().map(|projection| Linear { bias: None, ..projection }).collect();
     let codes = |device: &Device| {
         tensor1(&[0.0, 0.1, 0.0, 0.0, 0.1, 0.0, -0.1, 0.0, 0.0, 0.0, 0.05, 0.1], device).reshape([3, 4])

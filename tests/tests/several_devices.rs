@@ -4,7 +4,7 @@ use burn::tensor::Device;
 use dvr_core::mesh::shapes;
 use dvr_model::DecoderConfig;
 use dvr_render::{Field, Query};
-use dvr_tests::{devices, graphics_processor, numbers, relative_difference, rendered_scene, tensor3};
+use dvr_tests::{devices, graphics_processor, numbers, relative_difference, rendered_scene, seeded, tensor3};
 use dvr_train::{Supervision, TrainConfig, Trainer, ViewSplit};
 
 const STEPS: usize = 6;
@@ -16,10 +16,9 @@ fn what_devices_learn_together_is_what_one_learns_alone() {
     config.model = DecoderConfig::new().with_hidden(32).with_blocks(2).with_octaves(2);
     // Its points are drawn among a device's own hits.
     config.losses.normal = 0.0;
+    let device = Device::flex();
     let learn = |helpers: &[Device]| {
-        let device = Device::flex();
-        device.seed(0);
-        let field = config.model.init(&device.clone().autodiff());
+        let field = seeded(0, || config.model.init(&device.clone().autodiff()));
         let views = ViewSplit::new(&scene, config.hold_out_every).unwrap();
         let trainer = Trainer::new(field, views, config.clone(), device.clone());
         let mut trainer = trainer.with_helpers(helpers.iter().cloned());
@@ -51,7 +50,7 @@ fn a_device_without_neighbours_for_the_normals_leaves_that_term_out() {
     config.model = DecoderConfig::new().with_hidden(16).with_blocks(1).with_octaves(0);
     config.losses.normal_points = 1;
     let views = ViewSplit::new(&scene, config.hold_out_every).unwrap();
-    let field = config.model.init(&device.clone().autodiff());
+    let field = seeded(0, || config.model.init(&device.clone().autodiff()));
     let mut trainer = Trainer::new(field, views, config, device.clone()).with_helpers([device.clone(), device]);
     assert!((0..3).all(|_| trainer.step().unwrap().loss.is_finite()));
 }
