@@ -66,16 +66,15 @@ impl Backend {
         }
     }
 
-    /// The device for what a method has trained. Meshes and pictures of fields on lattices are made on the CPU, in a
-    /// fraction of the time that it takes to open another device; where something else was asked for, that is said.
+    /// The device for what a method has trained. A second CPU backend is nothing to fields on lattices: where it was
+    /// asked for, that is said.
     ///
     /// # Errors
     /// As [`Backend::device`].
     pub fn device_for(self, method: &Method) -> Result<Device> {
-        if matches!(method, Method::Lattice(_)) && self != Self::Cpu {
+        if matches!(method, Method::Lattice(_)) && self == Self::Ndarray {
             eprintln!(
-                "note: meshes and pictures of --method fast and hull are computed on the CPU, and --backend {self} changes \
-                 nothing; training with --method fast uses it"
+                "note: what --method fast and hull make is no tensors on the CPU, and --backend {self} changes nothing"
             );
             return Ok(Device::flex());
         }

@@ -120,7 +120,7 @@ fn a_step_that_does_not_fit_into_the_memory_that_is_allowed_is_refused_with_one_
 }
 
 #[test]
-fn the_fast_method_trains_on_a_graphics_processor_and_its_mesh_is_made_here() {
+fn the_fast_method_trains_on_a_graphics_processor_and_is_looked_at_there() {
     if !has_adapter() {
         return;
     }
@@ -134,11 +134,26 @@ fn the_fast_method_trains_on_a_graphics_processor_and_its_mesh_is_made_here() {
     assert!(report.contains("mesh:"), "{report}");
     let said = String::from_utf8_lossy(&output.stderr);
     assert!(said.contains("computing on gpu:0") && !said.contains("computed on the CPU"), "{said}");
-    let mesh = tiny.path("mesh.ply");
-    let meshed = dvr(&["mesh", text(&out), "--out", text(&mesh), "--resolution", "16", "--backend", "gpu"]);
-    succeeds(&meshed);
-    let said = String::from_utf8_lossy(&meshed.stderr);
-    assert!(said.contains("computed on the CPU"), "{said}");
+    let [here, there] = ["cpu", "gpu"].map(|backend| {
+        let (mesh, frames) = (tiny.path(&format!("{backend}.ply")), tiny.path(backend));
+        let with = ["--backend", backend, "--memory", "50M"];
+        succeeds(&dvr(&[&["mesh", text(&out), "--out", text(&mesh), "--resolution", "16"][..], &with].concat()));
+        let render = ["render", text(&out), "--out", text(&frames), "--frames", "2", "--size", "32"];
+        succeeds(&dvr(&[&render[..], &with].concat()));
+        (read_mesh(&mesh).unwrap().mesh, image::open(frames.join("orbit_0001.png")).unwrap().into_rgb8())
+    });
+    assert_eq!(here.0.faces, there.0.faces);
+    let apart = here.0.vertices.iter().zip(&there.0.vertices).map(|(a, b)| a.distance(*b)).fold(0.0, f32::max);
+    assert!(apart < 1e-4, "{apart}");
+    let differing =
+        here.1.pixels().zip(there.1.pixels()).filter(|(a, b)| a.0.iter().zip(b.0).any(|(a, b)| a.abs_diff(b) > 1));
+    assert!(differing.count() <= 2, "a pixel or two on the outline may go either way");
+
+    // The field alone takes more than this.
+    let mesh = tiny.path("refused.ply");
+    let refused = dvr(&["mesh", text(&out), "--out", text(&mesh), "--backend", "gpu", "--memory", "100k"]);
+    refuses(&refused, &["values of nodes", "0.10 MB are allowed", "--memory"]);
+    assert!(!mesh.exists(), "nothing half-written");
 }
 
 #[test]

@@ -30,8 +30,8 @@ mod space;
 
 pub use adapter::{Adapter, AdapterKind, adapters};
 pub use fast::{
-    FastError, LESSON_COLUMNS, LatticeLevels, LatticeLosses, LatticeStep, LatticeSums, LatticeTrainer, Photograph,
-    Photographs,
+    FastError, LESSON_COLUMNS, LatticeLevels, LatticeLosses, LatticeStep, LatticeSums, LatticeTrainer, LatticeViewer,
+    NodeValues, Photograph, Photographs, RAY_COLUMNS, SHADED_COLUMNS,
 };
 pub use lattice::{LatticeQuery, lattice_by_points, lattice_by_values, lattice_interpolate};
 pub use march::{MarchOp, MarchPlan, PackedDecoder, RaySearch, Root, march_decoder};

@@ -2,9 +2,13 @@
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use burn::backend::{Backend, Cube};
 use burn::tensor::Device;
 
 use crate::open::{client, is_gpu};
+
+/// A device, as its backend calls it.
+pub(crate) type CubeDevice = burn::backend::tensor::Device<Cube>;
 
 /// Bytes that each device of this process may take; all that there are until somebody says otherwise.
 static LIMIT: AtomicU64 = AtomicU64::new(u64::MAX);
@@ -40,6 +44,27 @@ pub fn memory_excess(device: &Device) -> Option<MemoryExcess> {
         device.clone().inner().memory_cleanup();
     }
     (held > allowed).then_some(MemoryExcess { held, allowed })
+}
+
+/// Bytes that tensors hold and bytes allowed, where so many more would be too many. Of little it is not asked: that
+/// would take longer than what it is wanted for.
+pub(crate) fn beyond_limit(device: &CubeDevice, more: u64) -> Option<(u64, u64)> {
+    let allowed = LIMIT.load(Ordering::Relaxed);
+    if allowed == u64::MAX || more < LITTLE {
+        return None;
+    }
+    let held = Cube::memory_pool_usage(device)?.bytes_in_use;
+    (held + more > allowed).then_some((held, allowed))
+}
+
+/// Bytes that need not be asked for.
+const LITTLE: u64 = 1 << 16;
+
+/// How many rows of so many bytes to handle at once where each is little work: enough to keep a card busy, and within a
+/// quarter of what [`limit_memory`] allows.
+pub(crate) fn rows_at_once(bytes: u64) -> usize {
+    let allowed = LIMIT.load(Ordering::Relaxed) / 4 / bytes.max(1);
+    usize::try_from(allowed).unwrap_or(usize::MAX).clamp(1 << 10, 1 << 18)
 }
 
 /// How many points a network is best asked at at once on this device; `None` where it is no graphics processor.

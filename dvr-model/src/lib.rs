@@ -44,6 +44,8 @@
 #![warn(missing_docs)]
 
 mod decoder;
+#[cfg(feature = "gpu")]
+mod device_lattice;
 mod encoder;
 mod encoding;
 mod fused;
@@ -62,6 +64,8 @@ mod record;
 mod tensors;
 
 pub use decoder::{Conditioned, Decoder, DecoderConfig, ResnetBlock};
+#[cfg(feature = "gpu")]
+pub use device_lattice::DeviceLattice;
 pub use encoder::{BasicBlock, Codes, Convolutional, Encoder, EncoderConfig, Resnet18, Resnet18Features};
 pub use fused::FusedDecoder;
 pub use image_model::{ImageModel, ImageModelConfig, OutOfRange};

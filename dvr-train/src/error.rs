@@ -51,7 +51,11 @@ pub enum Error {
     NoMesh(String),
 }
 
-/// Bytes for people.
+/// Bytes for people; of few megabytes, hundredths tell what is allowed from what is not.
 fn megabytes(bytes: u64) -> String {
-    format!("{} MB", bytes.div_ceil(1_000_000))
+    if (1..10_000_000).contains(&bytes) {
+        format!("{:.2} MB", bytes.div_ceil(10_000) as f64 / 100.0)
+    } else {
+        format!("{} MB", bytes.div_ceil(1_000_000))
+    }
 }

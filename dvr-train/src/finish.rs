@@ -13,6 +13,7 @@ use serde::{Deserialize, Serialize};
 use crate::error::{Error, Result};
 use crate::evaluate::{ShapeEvaluation, evaluate_shape};
 use crate::export::{MeshOptions, object_mesh, world_mesh};
+use crate::method::Method;
 use crate::model::Model;
 use crate::preview::preview_sheet;
 use crate::resources::Resources;
@@ -115,7 +116,7 @@ pub fn finish(
         }
         Err(other) => return Err(other),
     };
-    if let Model::Lattice(_) = model {
+    if let Method::Lattice(_) = method {
         checkpoint.clone().final_model().save(&folder.scene_file())?;
     }
     lap("mesh");

@@ -43,6 +43,8 @@ mod batch;
 mod cameras;
 mod checkpoint;
 mod config;
+#[cfg(feature = "gpu")]
+mod device;
 mod error;
 mod evaluate;
 mod export;

@@ -3,6 +3,8 @@
 use burn::module::Module;
 use burn::tensor::Device;
 use dvr_core::UnitCube;
+#[cfg(feature = "gpu")]
+use dvr_model::DeviceLattice;
 use dvr_model::{Conditioned, Decoder, EncoderConfig, LatticeField, lattice_file};
 use dvr_render::extract::{FieldSurface, ScalarField};
 use dvr_render::{FieldShader, MarchSettings, RenderSettings, Shader, SkipGrid};
@@ -28,6 +30,9 @@ pub enum Model {
     },
     /// A field on lattices.
     Lattice(Box<LatticeField>),
+    /// The same on a graphics processor.
+    #[cfg(feature = "gpu")]
+    DeviceLattice(Box<DeviceLattice>),
 }
 
 impl Model {
@@ -54,7 +59,7 @@ impl Model {
             Method::Lattice(_) => {
                 let field = lattice_file::from_bytes(&checkpoint.state.model);
                 let field = field.map_err(|e| Error::Config(format!("the checkpoint's field cannot be read: {e}")))?;
-                Ok(Self::Lattice(Box::new(field)))
+                Self::of_lattice(field, device)
             }
         }
     }
@@ -84,6 +89,18 @@ impl Model {
         Self::Network { surface, skip }
     }
 
+    /// A field on lattices; on a graphics processor it is looked at there.
+    fn of_lattice(field: LatticeField, device: &Device) -> Result<Self> {
+        #[cfg(feature = "gpu")]
+        if dvr_render::is_gpu(device) {
+            let refused =
+                |problem| crate::device::refused(problem, "a field trained with a lower --capacity takes less");
+            return Ok(Self::DeviceLattice(Box::new(DeviceLattice::new(field, device).map_err(refused)?)));
+        }
+        let _ = device;
+        Ok(Self::Lattice(Box::new(field)))
+    }
+
     /// What rays see of it; a network is asked at `samples` points across the cube.
     pub fn shader(&self, samples: usize) -> Box<dyn Shader + '_> {
         match self {
@@ -93,6 +110,8 @@ impl Model {
                 Box::new(FieldShader::new(surface.field(), settings, Some(skip)))
             }
             Self::Lattice(field) => Box::new(field.as_ref()),
+            #[cfg(feature = "gpu")]
+            Self::DeviceLattice(field) => Box::new(field.as_ref()),
         }
     }
 
@@ -104,6 +123,8 @@ impl Model {
                 Box::new(FieldShader::new(surface.field(), RenderSettings { march, ..RenderSettings::default() }, None))
             }
             Self::Lattice(field) => Box::new(field.as_ref()),
+            #[cfg(feature = "gpu")]
+            Self::DeviceLattice(field) => Box::new(field.as_ref()),
         }
     }
 
@@ -112,29 +133,31 @@ impl Model {
         match self {
             Self::Network { surface, .. } => surface.field().decoder().num_params(),
             Self::Lattice(field) => lattice_file::stored_values(field),
+            #[cfg(feature = "gpu")]
+            Self::DeviceLattice(field) => lattice_file::stored_values(field.field()),
+        }
+    }
+
+    fn field(&self) -> &dyn ScalarField {
+        match self {
+            Self::Network { surface, .. } => surface.as_ref(),
+            Self::Lattice(field) => field.as_ref(),
+            #[cfg(feature = "gpu")]
+            Self::DeviceLattice(field) => field.as_ref(),
         }
     }
 }
 
 impl ScalarField for Model {
     fn logits(&self, points: &[Vec3]) -> Vec<f32> {
-        match self {
-            Self::Network { surface, .. } => surface.logits(points),
-            Self::Lattice(field) => field.logits(points),
-        }
+        self.field().logits(points)
     }
 
     fn gradients(&self, points: &[Vec3]) -> Option<Vec<Vec3>> {
-        match self {
-            Self::Network { surface, .. } => surface.gradients(points),
-            Self::Lattice(field) => field.gradients(points),
-        }
+        self.field().gradients(points)
     }
 
     fn colors(&self, points: &[Vec3], normals: &[Vec3]) -> Option<Vec<[f32; 3]>> {
-        match self {
-            Self::Network { surface, .. } => surface.colors(points, normals),
-            Self::Lattice(field) => field.colors(points, normals),
-        }
+        self.field().colors(points, normals)
     }
 }

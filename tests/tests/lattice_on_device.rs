@@ -6,10 +6,15 @@
 use std::sync::OnceLock;
 
 use burn::tensor::Device;
-use dvr_core::Scene;
 use dvr_core::mesh::shapes;
+use dvr_core::{Ray, Scene};
+use dvr_kernels::Lattice;
+use dvr_model::{DeviceLattice, LatticeField, LatticeValues};
+use dvr_render::Shader;
+use dvr_render::extract::ScalarField;
 use dvr_tests::{graphics_processor, rendered_scene};
 use dvr_train::{Capacity, FastConfig, FastTrainer, Learner, LearnerState, ViewSplit};
+use glam::{DVec3, Vec3};
 
 /// A ring, seen from twelve sides.
 fn ring() -> &'static Scene {
@@ -90,4 +95,71 @@ fn a_run_goes_on_on_the_device_as_if_it_had_not_stopped_and_on_the_cpu_too() {
         println!("from step {done} on the CPU: {:.4} dB, on the device {:.4}", found.psnr, truth.psnr);
         assert!((found.psnr - truth.psnr).abs() < 0.1 && (found.mask_iou - truth.mask_iou).abs() < 0.01);
     }
+}
+
+/// Waves around a ball, coloured by place, also beyond what can be shown.
+fn waves() -> LatticeField {
+    let (shape, color) = (Lattice::new(34, 0.55), Lattice::new(12, 0.55));
+    let logit = |node| {
+        let p = shape.position(node);
+        0.3 - p.length() + 0.04 * (20.0 * p.x).sin() * (17.0 * p.y).cos() * (23.0 * p.z).sin()
+    };
+    let values = (0..shape.len()).map(logit).collect();
+    let colors = (0..color.len()).flat_map(|node| (3.0 * color.position(node) + 0.5).to_array()).collect();
+    LatticeField::new(LatticeValues { lattice: shape, values }, LatticeValues { lattice: color, values: colors })
+}
+
+/// Points spread over a ball of radius 0.9: some in the cube, some beyond.
+fn points(count: usize) -> Vec<Vec3> {
+    let spread = |i: usize, by: f64| (i as f64 * by).fract();
+    let point = |i| {
+        let (height, turn) = (2.0 * spread(i, 0.618_034) - 1.0, std::f64::consts::TAU * spread(i, 0.754_878));
+        let around = (1.0 - height * height).sqrt();
+        0.9 * spread(i, 0.569_84).cbrt() * DVec3::new(around * turn.cos(), around * turn.sin(), height)
+    };
+    (0..count).map(|i| point(i).as_vec3()).collect()
+}
+
+#[test]
+fn a_field_looks_the_same_on_the_device() {
+    let Some(gpu) = graphics_processor() else { return };
+    let here = waves();
+    let there = DeviceLattice::new(here.clone(), &gpu).unwrap();
+
+    let points = points(3000);
+    let farthest = |a: &[[f32; 3]], b: &[[f32; 3]]| {
+        let pairs = a.as_flattened().iter().zip(b.as_flattened());
+        pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
+    };
+    let logits = here.logits(&points).into_iter().zip(there.logits(&points));
+    assert!(logits.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max) < 1e-6);
+    let colors = [&here as &dyn ScalarField, &there].map(|field| field.colors(&points, &points).unwrap());
+    assert!(farthest(&colors[0], &colors[1]) < 1e-5);
+    assert!(colors[1].as_flattened().iter().any(|&c| c == 0.0), "clamped");
+    let gradients = [&here as &dyn ScalarField, &there].map(|field| field.gradients(&points).unwrap());
+    let apart = gradients[0].iter().zip(&gradients[1]).map(|(a, b)| a.distance(*b)).fold(0.0, f32::max);
+    assert!(apart < 1e-4, "{apart}");
+
+    // From outside and from within, aslant and along the axes, to the object and past it.
+    let ends = points.chunks_exact(2).map(|pair| (pair[0].as_dvec3(), pair[1].as_dvec3()));
+    let mut rays: Vec<Ray> = ends.map(|(origin, end)| Ray { origin, direction: 2.0 * (end - origin) }).collect();
+    rays.extend(
+        points[..300].iter().map(|p| Ray { origin: DVec3::new(p.x.into(), p.y.into(), -2.0), direction: DVec3::Z }),
+    );
+    let (mut hits, mut misses, mut odd) = (0, 0, 0);
+    for (a, b) in here.shade(&rays).into_iter().zip(there.shade(&rays)) {
+        match (a, b) {
+            (Some(a), Some(b)) => {
+                hits += 1;
+                let normals_apart = Vec3::from(a.normal).distance(b.normal.into());
+                let same = (a.depth - b.depth).abs() < 1e-5 && farthest(&[a.color], &[b.color]) < 1e-4;
+                odd += usize::from(!same || normals_apart > 1e-3);
+            }
+            (None, None) => misses += 1,
+            _ => odd += 1,
+        }
+    }
+    assert!(hits > 150 && misses > 150, "{hits} hits, {misses} misses");
+    assert!(odd <= 3, "{odd} rays differ, more than those that graze");
+    assert!(there.shade(&[]).is_empty());
 }

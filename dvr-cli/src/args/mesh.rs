@@ -4,8 +4,8 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 
-use super::BackendArg;
 use super::values::parse_share;
+use super::{BackendArg, MemoryArg};
 
 /// Where a mesh has its colours from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -75,4 +75,6 @@ pub struct MeshArgs {
     pub meshing: MeshingArgs,
     #[command(flatten)]
     pub backend: BackendArg,
+    #[command(flatten)]
+    pub memory: MemoryArg,
 }

@@ -83,6 +83,15 @@ pub struct BackendArg {
     pub backend: Backend,
 }
 
+/// How much memory commands may take that look at what was trained.
+#[derive(Args, Clone, Copy, Debug)]
+pub struct MemoryArg {
+    /// With --backend gpu, the most that tensors may take on the graphics processor, e.g. 500M or 2G: work is cut to fit.
+    /// Decoded photographs above it are kept in a scratch file, as by `dvr train` [default: no limit]
+    #[arg(long, value_parser = values::parse_memory, value_name = "BYTES")]
+    pub memory: Option<u64>,
+}
+
 #[cfg(test)]
 mod tests {
     use clap::CommandFactory;

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use dvr_core::dataset::BackgroundColor;
 
-use super::{BackendArg, SurfaceArgs};
+use super::{BackendArg, MemoryArg, SurfaceArgs};
 
 /// Arguments of `dvr predict`.
 #[derive(Args, Debug)]
@@ -48,4 +48,6 @@ pub struct PredictArgs {
     pub surface: SurfaceArgs,
     #[command(flatten)]
     pub backend: BackendArg,
+    #[command(flatten)]
+    pub memory: MemoryArg,
 }

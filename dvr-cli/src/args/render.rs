@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 
-use super::BackendArg;
+use super::{BackendArg, MemoryArg};
 
 /// Which cameras `dvr render` takes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -58,6 +58,8 @@ pub struct RenderArgs {
     pub data: Option<PathBuf>,
     #[command(flatten)]
     pub backend: BackendArg,
+    #[command(flatten)]
+    pub memory: MemoryArg,
 }
 
 /// An axis to turn around.

@@ -81,7 +81,7 @@ fn of_mesh(args: &EvalArgs, mesh: &Path) -> Result<Report> {
 }
 
 fn of_run(args: &EvalArgs, checkpoint: &Checkpoint) -> Result<Report> {
-    let scene: Scene = scene_of_run(checkpoint, args.data.as_ref())?;
+    let scene: Scene = scene_of_run(checkpoint, args.data.as_ref(), args.reading.memory)?;
     let device = args.backend.backend.device_for(&checkpoint.header.method)?;
     memory::limit(&device, args.reading.memory);
     let model = Model::load(checkpoint, &device)?;

@@ -8,6 +8,7 @@ use dvr_train::{Method, RunFolder, ViewSplit, extraction_warnings, object_mesh, 
 
 use super::{SCENE_RESOLUTION, load_model, load_run, mesh_options, print_notes, scene_of_run};
 use crate::args::MeshArgs;
+use crate::memory;
 
 /// Rays that look for parts which the coarse grid may miss.
 const SEED_RAYS: usize = 2_000;
@@ -16,12 +17,13 @@ const SEED_RAYS: usize = 2_000;
 pub fn run(args: &MeshArgs) -> Result<ExitCode> {
     let checkpoint = load_run(&args.run)?;
     let device = args.backend.backend.device_for(&checkpoint.header.method)?;
+    memory::limit(&device, args.memory.memory);
     let model = load_model(&checkpoint, args.object, &device)?;
     // The scene helps to find thin parts and gives sharp colours; a run can be meshed without it.
     // What knows many objects was trained on many folders, and what was imported may know of none.
     let has_scene = !matches!(checkpoint.header.method, Method::Objects(_))
         && (args.data.is_some() || !checkpoint.header.scene.as_os_str().is_empty());
-    let scene = has_scene.then(|| scene_of_run(&checkpoint, args.data.as_ref()));
+    let scene = has_scene.then(|| scene_of_run(&checkpoint, args.data.as_ref(), args.memory.memory));
     let views = match &scene {
         None => Vec::new(),
         Some(Ok(scene)) => ViewSplit::new(scene, checkpoint.header.method.hold_out_every())?.train,

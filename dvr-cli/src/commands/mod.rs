@@ -47,11 +47,13 @@ pub fn load_model(checkpoint: &Checkpoint, object: Option<usize>, device: &Devic
     })
 }
 
-/// The scene of a run, read as it was for training and in the same object space; from `moved` if it was moved.
-pub fn scene_of_run(checkpoint: &Checkpoint, moved: Option<&PathBuf>) -> Result<Scene> {
+/// The scene of a run, read as it was for training and in the same object space; from `moved` if it was moved, and in
+/// `memory` where that is said.
+pub fn scene_of_run(checkpoint: &Checkpoint, moved: Option<&PathBuf>, memory: Option<u64>) -> Result<Scene> {
     let header = &checkpoint.header;
     let mut options: ReadOptions =
         serde_json::from_value(header.reading.clone()).context("the checkpoint does not say how its scene was read")?;
+    options.max_memory = memory.or(options.max_memory);
     let is_unknown = header.scene.as_os_str().is_empty();
     // An imported network has the object space of the files, as the original takes it.
     options.normalise = if is_unknown { Normalise::Files } else { Normalise::Given(header.object_to_world) };

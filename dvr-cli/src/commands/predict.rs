@@ -15,6 +15,7 @@ use image::RgbImage;
 use super::eval_objects::OBJECT_RESOLUTION;
 use super::{load_run, surface_options};
 use crate::args::PredictArgs;
+use crate::memory;
 use crate::progress::Progress;
 
 /// What surrounds the object with --crop, as a share of its larger side.
@@ -41,7 +42,9 @@ impl Task {
 /// Predicts every picture; one that cannot be used is told of and left out.
 pub fn run(args: &PredictArgs) -> Result<ExitCode> {
     let checkpoint = load_run(&args.run)?;
-    let model = ObjectModel::load(&checkpoint, &args.backend.backend.device()?)?;
+    let device = args.backend.backend.device()?;
+    memory::limit(&device, args.memory.memory);
+    let model = ObjectModel::load(&checkpoint, &device)?;
     let size = model.picture_size()?;
     let tasks = tasks(args)?;
     let masks = args.masks.as_deref().map(masks_by_stem).transpose()?;

@@ -15,6 +15,7 @@ use image::{Delay, Frame, RgbImage};
 
 use super::{load_model, load_run, scene_of_run};
 use crate::args::{Animation, Cameras, RenderArgs, UpAxis};
+use crate::memory;
 use crate::progress::Progress;
 
 /// Frames a second of the turntable.
@@ -24,10 +25,12 @@ const FRAMES_A_SECOND: u32 = 18;
 pub fn run(args: &RenderArgs) -> Result<ExitCode> {
     let checkpoint = load_run(&args.run)?;
     let device = args.backend.backend.device_for(&checkpoint.header.method)?;
+    memory::limit(&device, args.memory.memory);
     let model = load_model(&checkpoint, args.object, &device)?;
     let object_to_world = checkpoint.header.object_to_world;
     let needs_scene = args.cameras == Cameras::Dataset || (args.up.is_none() && args.cameras == Cameras::Orbit);
-    let scene = if needs_scene { Some(scene_of_run(&checkpoint, args.data.as_ref())) } else { None };
+    let scene =
+        if needs_scene { Some(scene_of_run(&checkpoint, args.data.as_ref(), args.memory.memory)) } else { None };
     let cameras: Vec<(String, Camera)> = match args.cameras {
         Cameras::Dataset => {
             let scene = scene.context("the dataset's views need its scene")??;

@@ -59,7 +59,7 @@ fn scene_at_hand(checkpoint: &Checkpoint, moved: Option<&PathBuf>, progress: &mu
     if let Method::Objects(_) = checkpoint.header.method {
         return Ok(None);
     }
-    match scene_of_run(checkpoint, moved) {
+    match scene_of_run(checkpoint, moved, None) {
         Ok(scene) => Ok(Some(scene)),
         Err(error) if moved.is_some() => Err(error),
         Err(error) => {

@@ -58,7 +58,9 @@ fn train_scene(args: &TrainArgs, folder: &RunFolder, config: Method, resumed: Op
     let device = args.backend.backend.training_device(&config)?;
     limit_training(&device, args.reading.memory, &config)?;
     let (mut scene, reading) = match resumed {
-        Some(checkpoint) => (scene_of_run(checkpoint, args.scene.as_ref())?, checkpoint.header.reading.clone()),
+        Some(checkpoint) => {
+            (scene_of_run(checkpoint, args.scene.as_ref(), args.reading.memory)?, checkpoint.header.reading.clone())
+        }
         None => {
             let Some(path) = &args.scene else { bail!("no scene was given") };
             let options = args.reading.read_options();

@@ -1,6 +1,6 @@
 //! Numbers on the device, in rows without gaps.
 
-use std::cell::Cell;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use burn::backend::ops::{FloatTensorOps, IntTensorOps};
 use burn::backend::tensor::FloatTensor;
@@ -9,9 +9,7 @@ use burn::tensor::{FloatDType, IntDType, Shape, TensorData};
 use cubecl::client::Client;
 
 use super::FastError;
-
-/// A device, as its backend calls it.
-pub(super) type CubeDevice = burn::backend::tensor::Device<Cube>;
+use crate::memory::{CubeDevice, beyond_limit};
 
 /// Numbers on the device: f32, i32 or u32, as the kernels that are given them know.
 pub(super) type Buffer = FloatTensor<Cube>;
@@ -21,17 +19,17 @@ pub(super) struct Buffers {
     pub client: Client,
     device: CubeDevice,
     /// How often the device was waited for.
-    reads: Cell<usize>,
+    reads: AtomicUsize,
 }
 
 impl Buffers {
     pub fn new(client: Client, device: CubeDevice) -> Self {
-        Self { client, device, reads: Cell::new(0) }
+        Self { client, device, reads: AtomicUsize::new(0) }
     }
 
     /// How often the device was waited for.
     pub fn reads(&self) -> usize {
-        self.reads.get()
+        self.reads.load(Ordering::Relaxed)
     }
 
     /// Whether so many numbers of four bytes find room.
@@ -39,6 +37,9 @@ impl Buffers {
         let (bytes, most) = (4 * length as u64, self.client.properties().memory.max_page_size);
         if bytes > most {
             return Err(FastError::TooLarge { what, mebibytes: bytes >> 20, most: most >> 20 });
+        }
+        if let Some((held, allowed)) = beyond_limit(&self.device, bytes) {
+            return Err(FastError::OverLimit { what, bytes, held, allowed });
         }
         // No buffer is empty: kernels are given something that they do not read.
         Ok(Shape::new([length.max(1)]))
@@ -67,7 +68,7 @@ impl Buffers {
 
     /// Reads buffers back, all at once, as words: what the device was given before is waited for.
     pub fn read(&self, buffers: &[&Buffer]) -> Result<Vec<Vec<u32>>, FastError> {
-        self.reads.set(self.reads.get() + 1);
+        self.reads.fetch_add(1, Ordering::Relaxed);
         let handles = buffers.iter().map(|buffer| buffer.handle.clone()).collect();
         let bytes = self.client.read(handles).map_err(|e| FastError::Device(e.to_string()))?;
         let read = bytes.iter().zip(buffers).map(|(bytes, buffer)| {

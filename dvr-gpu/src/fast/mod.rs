@@ -1,4 +1,5 @@
-//! Training of a field on lattices: rays, lessons, gradients, Adam and the map of empty cells as kernels.
+//! Training of a field on lattices: rays, lessons, gradients, Adam and the map of empty cells as kernels; and looking at
+//! what was learned.
 //!
 //! What is learned stays on the device from step to step. A step is given its rays, some words each, and tells nothing
 //! unless it is asked. Its results do not depend on the order in which work-items run: the same device gives the same
@@ -9,6 +10,7 @@ mod cross_view;
 mod cubic;
 mod gather;
 mod levels;
+mod look;
 mod marks;
 mod patch;
 mod photo;
@@ -16,11 +18,14 @@ mod pyramid;
 mod rays;
 mod stage;
 mod trainer;
+mod viewer;
 mod walk;
 mod weights;
 
+pub use look::{RAY_COLUMNS, SHADED_COLUMNS};
 pub use rays::LESSON_COLUMNS;
 pub use trainer::LatticeTrainer;
+pub use viewer::{LatticeViewer, NodeValues};
 
 /// Why training on a device cannot go on.
 #[derive(Debug, thiserror::Error)]
@@ -37,6 +42,18 @@ pub enum FastError {
         mebibytes: u64,
         /// How large it may be.
         most: u64,
+    },
+    /// There is no room for something within what [`crate::limit_memory`] allows.
+    #[error("{what} would take {bytes} bytes beside the {held} that tensors hold, and {allowed} are allowed")]
+    OverLimit {
+        /// What it is.
+        what: &'static str,
+        /// How large it would be.
+        bytes: u64,
+        /// How much is in use.
+        held: u64,
+        /// How much may be.
+        allowed: u64,
     },
     /// Its kernels are given too few pieces of memory.
     #[error("this graphics processor gives a kernel {bindings} pieces of memory, and 11 are needed")]

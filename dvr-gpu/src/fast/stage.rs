@@ -145,7 +145,7 @@ impl Stage {
 
 /// The smallest box of cells that holds all that can ever be inside: from the first up to but without the second
 /// corner.
-fn region(nodes: usize, active: &[u32], values: &[f32]) -> [[u32; 3]; 2] {
+pub(super) fn region(nodes: usize, active: &[u32], values: &[f32]) -> [[u32; 3]; 2] {
     let (mut low, mut high) = ([u32::MAX; 3], [0; 3]);
     let (edge, last) = (nodes as u32, nodes as u32 - 1);
     let inside = (0..).zip(values).filter(|(_, value)| **value >= 0.0).map(|(node, _)| node);
@@ -161,7 +161,7 @@ fn region(nodes: usize, active: &[u32], values: &[f32]) -> [[u32; 3]; 2] {
 }
 
 /// Whether each node is not negative, a bit each, in rows of whole words.
-fn bits(nodes: usize, values: &[f32]) -> Vec<u32> {
+pub(super) fn bits(nodes: usize, values: &[f32]) -> Vec<u32> {
     let rows = values.chunks(nodes).flat_map(|row| row.chunks(32));
     rows.map(|run| run.iter().zip(0..).fold(0, |word, (value, bit)| word | u32::from(*value >= 0.0) << bit)).collect()
 }

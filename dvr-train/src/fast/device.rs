@@ -150,11 +150,7 @@ fn tally(lessons: &[f32]) -> Tally {
 
 /// What to do where a device cannot.
 fn failed(problem: FastError) -> Error {
-    let remedy = match problem {
-        FastError::TooLarge { .. } => "--downscale and a lower --capacity take less; --backend cpu has no such bound",
-        FastError::NoGpu | FastError::TooFewBindings { .. } | FastError::Device(_) => "--backend cpu does without",
-    };
-    Error::Config(format!("{problem}. {remedy}"))
+    crate::device::refused(problem, "--downscale and a lower --capacity take less")
 }
 
 #[cfg(test)]
