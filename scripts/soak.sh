@@ -3,16 +3,17 @@
 #
 #     scripts/soak.sh BACKEND STEPS OUT [further arguments of `dvr train`]
 #
-# Trains a small network on the demo scene (pictures of 32 pixels) for so many steps on cpu, gpu, gpu:N, ndarray or cuda, with
-# validations, checkpoints and all, and looks once in a while how much memory the process has (Linux: resident set size from /proc; with
-# a software adapter that is the device's memory, too; of a card, nvidia-smi tells where it is installed).
+# Trains a small network (with METHOD=fast in the environment: 32 cells of a lattice) on the demo scene (pictures of 32 pixels) for so
+# many steps on cpu, gpu, gpu:N, ndarray or cuda, with validations, checkpoints and all, and looks once in a while how much memory the
+# process has (Linux: resident set size from /proc; with a software adapter that is the device's memory, too; of a card, nvidia-smi tells
+# where it is installed).
 # Writes OUT/memory.csv (seconds since the start, MB; MB of the card), OUT/pace.csv (step, milliseconds a step and CPU milliseconds a
 # step since the row before), and prints for each its mean, how far a straight line through it rises, with standard error, and whether it
 # is flat (within two standard errors of zero, or less than 2 % of the mean), grows or falls. The first quarter is left out: caches fill and
 # the shape is found there. Needs `dvr` on the PATH (or in $DVR) and awk. Run it from the root of the repository.
 set -eu
 
-[ $# -ge 3 ] || { sed -n '2,12s/^# \{0,1\}//p' "$0" >&2; exit 2; }
+[ $# -ge 3 ] || { sed -n '2,14s/^# \{0,1\}//p' "$0" >&2; exit 2; }
 backend=$1 steps=$2 out=$3
 shift 3
 dvr=${DVR:-dvr}
@@ -21,10 +22,16 @@ pause=${PAUSE:-1}
 rows=40
 mkdir -p "$out"
 
-"$dvr" train assets/scenes/mug/mug --downscale 4 --out "$out/run" --overwrite --method network --backend "$backend" --steps "$steps" \
-    --resolution 32 --no-report --set model.hidden=32 --set model.blocks=2 --set model.octaves=2 --set rays=64 \
-    --set losses.normal_points=16 --set hull.warm_start_steps=60 --set hull.warm_start_points=256 \
-    --set 'march=[{"from_percent":0,"samples":24}]' --set validate_every=1000 --set checkpoint_every=500 "$@" \
+case ${METHOD:-network} in
+    network)
+        set -- --set model.hidden=32 --set model.blocks=2 --set model.octaves=2 --set rays=64 --set losses.normal_points=16 \
+            --set hull.warm_start_steps=60 --set hull.warm_start_points=256 --set 'march=[{"from_percent":0,"samples":24}]' "$@" ;;
+    fast) set -- --capacity 32 --set first_cells=32 --set rays=256 "$@" ;;
+    *) echo "METHOD is network or fast" >&2; exit 2 ;;
+esac
+
+"$dvr" train assets/scenes/mug/mug --downscale 4 --out "$out/run" --overwrite --method "${METHOD:-network}" --backend "$backend" \
+    --steps "$steps" --resolution 32 --no-report --set validate_every=1000 --set checkpoint_every=500 "$@" \
     > "$out/said.txt" 2> "$out/notes.txt" &
 process=$!
 trap 'kill $process 2>/dev/null || true' INT TERM
