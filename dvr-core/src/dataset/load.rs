@@ -9,6 +9,7 @@ use rayon::prelude::*;
 use super::downscale::{downscale_camera, downscale_depth, downscale_image, downscale_mask};
 use super::found::{Coordinates, Found, FoundView, Place, Projection};
 use super::masks::{mask_from_background, no_mask};
+use super::mend::{Mended, mend_mask};
 use super::options::ReadOptions;
 use super::shelf::Shelf;
 use crate::error::{Error, Result};
@@ -83,8 +84,16 @@ pub(super) fn load_views(found: &mut Found, options: &ReadOptions) -> Result<Vec
     let mirrored = |view: &FoundView| center.is_some_and(|center| view.projection.mirrors(center));
     // A view is put away by the thread that decoded it, so no more are decoded at a time than there are threads.
     let shelf = Shelf::new(options.max_memory);
-    let load = |view| load_view(view, mirrored(view), &found.cameras, options).and_then(|view| shelf.put(view));
-    let loaded: Vec<Result<View>> = found.views.par_iter().map(load).collect();
+    let load = |found_view| {
+        let mut view = load_view(found_view, mirrored(found_view), &found.cameras, options)?;
+        // Views that judge are not touched; and a picture's own alpha channel, or its background, knows no better than its
+        // colours.
+        let is_of_file = found_view.mask.is_some() && options.background.is_none();
+        let mends = is_of_file && !options.trust_masks && view.split != Split::Test;
+        let mended = if mends { mend_mask(&mut view) } else { Mended::default() };
+        Ok((shelf.put(view)?, mended))
+    };
+    let loaded: Vec<Result<(View, Mended)>> = found.views.par_iter().map(load).collect();
     let n_mirrored = found.views.iter().filter(|view| mirrored(view)).count();
     if n_mirrored > 0 {
         found.warnings.push(format!(
@@ -92,7 +101,21 @@ pub(super) fn load_views(found: &mut Found, options: &ReadOptions) -> Result<Vec
             found.views.len()
         ));
     }
-    loaded.into_iter().collect()
+    let loaded: Vec<(View, Mended)> = loaded.into_iter().collect::<Result<_>>()?;
+    let counts: [(fn(&Mended) -> usize, &str); 2] = [
+        (|mended| mended.given_back, "leave out what photographs show to be the object; it was given back"),
+        (|mended| mended.trimmed, "have a rim that photographs show to be background; it was taken away"),
+    ];
+    for (count, what) in counts {
+        let pixels: Vec<usize> = loaded.iter().map(|(_, mended)| count(mended)).filter(|&pixels| pixels > 0).collect();
+        if !pixels.is_empty() {
+            let (masks, all, pixels) = (pixels.len(), loaded.len(), pixels.iter().sum::<usize>());
+            found
+                .warnings
+                .push(format!("{masks} of {all} masks {what} ({pixels} pixels; --trust-masks takes them as they are)"));
+        }
+    }
+    Ok(loaded.into_iter().map(|(view, _)| view).collect())
 }
 
 /// Reads one view, in the files' space, with depth in its units; `cameras` is the file to name where its camera is

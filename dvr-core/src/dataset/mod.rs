@@ -25,6 +25,7 @@ mod input_picture;
 mod load;
 mod masks;
 mod matrices;
+mod mend;
 mod middlebury;
 mod object_dataset;
 mod objects;

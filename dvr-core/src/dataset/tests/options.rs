@@ -195,3 +195,28 @@ fn the_depth_of_the_visual_hull_is_taken_where_it_is_wanted_or_alone() {
     assert!((center(&scene) - 0.5 * measured).abs() < 1e-5);
     assert!(scene.warnings[0].contains("visual hull"), "{:?}", scene.warnings);
 }
+
+#[test]
+fn mask_files_are_mended_by_their_photographs_unless_they_are_to_be_trusted() {
+    let (ball, folder) = dvr();
+    // A hole in one mask, a rim around another.
+    let write = |view: usize, object: &dyn Fn(u32, u32) -> bool| {
+        let coverage = GrayImage::from_fn(WIDTH, HEIGHT, |u, v| Luma([if object(u, v) { 255 } else { 0 }]));
+        write_gray_png(&folder.path().join(format!("mask/{view:04}.png")), &coverage).unwrap();
+    };
+    let right: Vec<Mask> = ball.cameras.iter().map(|camera| ball.mask(camera)).collect();
+    write(3, &|u, v| right[3].is_object(u, v) && !((22..25).contains(&u) && (16..20).contains(&v)));
+    write(5, &|u, v| {
+        let near = |(x, y): (u32, u32)| right[5].is_object((u + x - 1).min(WIDTH - 1), (v + y - 1).min(HEIGHT - 1));
+        u > 0 && v > 0 && (0..9).any(|i| near((i % 3, i / 3)))
+    });
+    let scene = read(folder.path());
+    assert!(scene.views.iter().zip(&right).all(|(view, right)| view.mask == *right));
+    for part in ["1 of 9 masks leave out", "12 pixels", "1 of 9 masks have a rim", "--trust-masks"] {
+        assert!(scene.warnings.iter().any(|warning| warning.contains(part)), "{part}: {:?}", scene.warnings);
+    }
+    let trusting = ReadOptions { trust_masks: true, ..ReadOptions::default() };
+    let scene = read_scene(folder.path(), &trusting).unwrap();
+    assert!(!scene.views[3].mask.is_object(23, 17) && scene.views[5].mask.object_pixels() > right[5].object_pixels());
+    assert!(scene.warnings.is_empty(), "{:?}", scene.warnings);
+}

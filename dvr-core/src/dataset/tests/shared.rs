@@ -108,6 +108,11 @@ fn depth_maps_are_exact_at_pixel_centres_and_nowhere_else() {
     assert!(corner > 5.0 * centre && next > 5.0 * centre);
 }
 
+/// Masks of photographs that were made by programs: some pixels are wrong, and nothing else.
+fn assert_only_masks_are_mended(scene: &Scene) {
+    assert!(scene.warnings.iter().all(|warning| warning.contains("--trust-masks")), "{:?}", scene.warnings);
+}
+
 #[test]
 fn the_dinosaur_and_the_temple_fill_the_cube() {
     let Some(root) = shared("scenes") else { return };
@@ -116,7 +121,7 @@ fn the_dinosaur_and_the_temple_fill_the_cube() {
         assert_eq!((scene.views.len(), scene.format, scene.name.as_str()), (16, "Middlebury", name));
         assert_eq!(scene.views[0].image.dimensions(), (640, 480));
         assert!(scene.object_to_world.scale > 0.05 && scene.object_to_world.scale < 0.3, "metres");
-        assert!(scene.warnings.is_empty(), "{:?}", scene.warnings);
+        assert_only_masks_are_mended(&scene);
         assert_placed(&scene, 12);
     }
 }
@@ -127,7 +132,7 @@ fn the_skull_fills_the_cube() {
     let scene = read(&root);
     assert_eq!((scene.views.len(), scene.format), (49, "IDR/NeuS"));
     assert!(scene.object_to_world.scale > 100.0 && scene.object_to_world.scale < 500.0, "millimetres");
-    assert!(scene.warnings.is_empty(), "{:?}", scene.warnings);
+    assert_only_masks_are_mended(&scene);
     assert_placed(&scene, 25);
     let by_idr = read(&root.join("cameras.npz"));
     assert!((by_idr.object_to_world.translation - scene.object_to_world.translation).length() < 1e-3);
