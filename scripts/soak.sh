@@ -25,13 +25,14 @@ mkdir -p "$out"
 case ${METHOD:-network} in
     network)
         set -- --set model.hidden=32 --set model.blocks=2 --set model.octaves=2 --set rays=64 --set losses.normal_points=16 \
-            --set hull.warm_start_steps=60 --set hull.warm_start_points=256 --set 'march=[{"from_percent":0,"samples":24}]' "$@" ;;
+            --set hull.warm_start_steps=60 --set hull.warm_start_points=256 --set 'march=[{"from_percent":0,"samples":24}]' \
+            --set validate_every=1000 --set checkpoint_every=500 "$@" ;;
     fast) set -- --capacity 32 --set first_cells=32 --set rays=256 "$@" ;;
     *) echo "METHOD is network or fast" >&2; exit 2 ;;
 esac
 
 "$dvr" train assets/scenes/mug/mug --downscale 4 --out "$out/run" --overwrite --method "${METHOD:-network}" --backend "$backend" \
-    --steps "$steps" --resolution 32 --no-report --set validate_every=1000 --set checkpoint_every=500 "$@" \
+    --steps "$steps" --resolution 32 --no-report "$@" \
     > "$out/said.txt" 2> "$out/notes.txt" &
 process=$!
 trap 'kill $process 2>/dev/null || true' INT TERM

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use super::downscale::{downscale_camera, downscale_depth, downscale_image, downscale_mask};
 use super::found::{Coordinates, Found, FoundView, Place, Projection};
 use super::masks::{mask_from_background, no_mask};
-use super::mend::{Mended, mend_mask};
+use super::mend::{Mended, mend_mask, take_rims};
 use super::options::ReadOptions;
 use super::shelf::Shelf;
 use crate::error::{Error, Result};
@@ -84,13 +84,14 @@ pub(super) fn load_views(found: &mut Found, options: &ReadOptions) -> Result<Vec
     let mirrored = |view: &FoundView| center.is_some_and(|center| view.projection.mirrors(center));
     // A view is put away by the thread that decoded it, so no more are decoded at a time than there are threads.
     let shelf = Shelf::new(options.max_memory);
+    // Views that judge are not touched; and a picture's own alpha channel, or its background, knows no better than its
+    // colours.
+    let mends = |view: &FoundView| {
+        view.mask.is_some() && options.background.is_none() && !options.trust_masks && view.split != Split::Test
+    };
     let load = |found_view| {
         let mut view = load_view(found_view, mirrored(found_view), &found.cameras, options)?;
-        // Views that judge are not touched; and a picture's own alpha channel, or its background, knows no better than its
-        // colours.
-        let is_of_file = found_view.mask.is_some() && options.background.is_none();
-        let mends = is_of_file && !options.trust_masks && view.split != Split::Test;
-        let mended = if mends { mend_mask(&mut view) } else { Mended::default() };
+        let mended = if mends(found_view) { mend_mask(&mut view) } else { Mended::default() };
         Ok((shelf.put(view)?, mended))
     };
     let loaded: Vec<Result<(View, Mended)>> = found.views.par_iter().map(load).collect();
@@ -101,19 +102,27 @@ pub(super) fn load_views(found: &mut Found, options: &ReadOptions) -> Result<Vec
             found.views.len()
         ));
     }
-    let loaded: Vec<(View, Mended)> = loaded.into_iter().collect::<Result<_>>()?;
-    let counts: [(fn(&Mended) -> usize, &str); 2] = [
-        (|mended| mended.given_back, "leave out what photographs show to be the object; it was given back"),
-        (|mended| mended.trimmed, "have a rim that photographs show to be background; it was taken away"),
-    ];
-    for (count, what) in counts {
-        let pixels: Vec<usize> = loaded.iter().map(|(_, mended)| count(mended)).filter(|&pixels| pixels > 0).collect();
-        if !pixels.is_empty() {
-            let (masks, all, pixels) = (pixels.len(), loaded.len(), pixels.iter().sum::<usize>());
-            found
-                .warnings
-                .push(format!("{masks} of {all} masks {what} ({pixels} pixels; --trust-masks takes them as they are)"));
-        }
+    let mut loaded: Vec<(View, Mended)> = loaded.into_iter().collect::<Result<_>>()?;
+    let given_back: Vec<usize> = loaded.iter().map(|(_, mended)| mended.given_back).filter(|&n| n > 0).collect();
+    if !given_back.is_empty() {
+        found.warnings.push(format!(
+            "{} of {} masks leave out what photographs show to be the object; it was given back ({} pixels; --trust-masks \
+             takes masks as they are)",
+            given_back.len(),
+            loaded.len(),
+            given_back.iter().sum::<usize>()
+        ));
+    }
+    let looked_at = found.views.iter().filter(|view| mends(view)).count();
+    if take_rims(&mut loaded, looked_at) {
+        let rims: Vec<usize> = loaded.iter().map(|(_, mended)| mended.rim.len()).filter(|&n| n > 0).collect();
+        found.warnings.push(format!(
+            "{} of {} masks have a rim that photographs show to be background; it was taken away ({} pixels; --trust-masks \
+             takes masks as they are)",
+            rims.len(),
+            loaded.len(),
+            rims.iter().sum::<usize>()
+        ));
     }
     Ok(loaded.into_iter().map(|(view, _)| view).collect())
 }

@@ -31,25 +31,24 @@ const MOST: f64 = 0.75;
 /// Holes larger than this share of the object are left alone.
 const LARGEST: f64 = 0.25;
 
-/// How many pixels of a mask were changed.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+/// What a photograph says of its mask.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(super) struct Mended {
-    /// To object.
+    /// How many pixels were given back to the object.
     pub given_back: usize,
-    /// To background.
-    pub trimmed: usize,
+    /// Pixels along the outline that show background, row by row: see [`take_rims`].
+    pub rim: Vec<usize>,
 }
 
-/// Gives a view's mask back what it leaves out of the object, and takes away a rim of background.
+/// Gives a view's mask back what it leaves out of the object, and looks for a rim of background.
 ///
 /// Looked at is background near the object, and what the object closes in. A pixel is the object's where its colour is
 /// nearer to that of the object around it than to any of the background's, and more than half as far from these as
 /// the object is there. Some pixels in a row on the outline decide nothing: they may be mixed of both. Where the
 /// photograph is itself cut out, what is missing shows the background's colour, and stays.
 ///
-/// The other way round, a rim that shows the background around it and no colour of the object's inside is taken away, but
-/// only where most of the outline has one, of two pixels at least: a highlight is no background, and the outermost pixels
-/// of a right mask are mixed.
+/// The other way round, a rim shows the background around it and no colour of the object's inside, along most of the
+/// outline: a highlight is no background.
 pub(super) fn mend_mask(view: &mut View) -> Mended {
     let (width, height) = view.mask.size();
     let size = [width as usize, height as usize];
@@ -59,15 +58,28 @@ pub(super) fn mend_mask(view: &mut View) -> Mended {
     let given_back = Doubt::of_background(size, &object, colors).map_or_else(Vec::new, |doubt| doubt.certain_pixels());
     given_back.iter().for_each(|&pixel| object[pixel] = true);
     let background: Vec<bool> = object.iter().map(|&is_object| !is_object).collect();
-    let trimmed = Doubt::of_rim(size, &background, colors).map_or_else(Vec::new, |doubt| {
-        let rim = doubt.thick_pixels();
+    let rim = Doubt::of_rim(size, &background, colors).map_or_else(Vec::new, |doubt| {
+        let rim = doubt.certain_pixels();
         if doubt.is_most_of_the_outline(&rim) { rim } else { Vec::new() }
     });
 
     let coverage: &mut [u8] = &mut view.mask.coverage;
     given_back.iter().for_each(|&pixel| coverage[pixel] = u8::MAX);
-    trimmed.iter().for_each(|&pixel| coverage[pixel] = 0);
-    Mended { given_back: given_back.len(), trimmed: trimmed.len() }
+    Mended { given_back: given_back.len(), rim }
+}
+
+/// Takes the rims away that were found in so many of the views, if that is half of them or more: what makes masks too
+/// wide does so everywhere, and in single views the object's edges may look like the background. Whether it did.
+pub(super) fn take_rims(views: &mut [(View, Mended)], looked_at: usize) -> bool {
+    let found = views.iter().filter(|(_, mended)| !mended.rim.is_empty()).count();
+    if found == 0 || 2 * found < looked_at {
+        return false;
+    }
+    for (view, mended) in views.iter_mut().filter(|(_, mended)| !mended.rim.is_empty()) {
+        let coverage: &mut [u8] = &mut view.mask.coverage;
+        mended.rim.iter().for_each(|&pixel| coverage[pixel] = 0);
+    }
+    true
 }
 
 /// What is asked of a photograph, by the places of pixels, row by row: which of the pixels that are said to be of one
@@ -111,15 +123,6 @@ impl<'a> Doubt<'a> {
     /// The doubtful pixels that are certainly of the other kind.
     fn certain_pixels(&self) -> Vec<usize> {
         self.pieces().into_iter().filter(|piece| self.is_certain(piece)).flatten().collect()
-    }
-
-    /// Those among them that lie in squares of two by two.
-    fn thick_pixels(&self) -> Vec<usize> {
-        let squares = |piece: Vec<usize>| -> BTreeSet<usize> {
-            let squares = piece.iter().filter_map(|&pixel| self.square(pixel));
-            squares.filter(|square| square.iter().all(|pixel| piece.binary_search(pixel).is_ok())).flatten().collect()
-        };
-        self.pieces().into_iter().flat_map(squares).collect()
     }
 
     /// The square of four pixels that begins with one, where there is room for it.
@@ -325,7 +328,7 @@ mod tests {
             [(&hole, 29), (&bite, 28), (&tight, 156), (&loose, 576), (&speck, 1)];
         for (i, (missing, count)) in missing.into_iter().enumerate() {
             let mut view = view(missing, None, WHITE);
-            assert_eq!(mend_mask(&mut view), Mended { given_back: count, trimmed: 0 }, "{i}");
+            assert_eq!(mend_mask(&mut view), Mended { given_back: count, rim: Vec::new() }, "{i}");
             assert!(is_whole(&view), "{i}");
             assert_eq!(mend_mask(&mut view), Mended::default(), "{i}, again");
         }
@@ -350,22 +353,20 @@ mod tests {
         assert_eq!(mend_mask(&mut view(|_, _| true, None, WHITE)), Mended::default());
     }
 
+    /// A view whose mask is so many pixels too wide.
+    fn wide(rim: u32, background: Rgb<u8>) -> View {
+        let mut view = view(|_, _| false, None, background);
+        let reach = 10 - rim..50 + rim;
+        let pixels = view.mask.coverage.enumerate_pixels_mut();
+        pixels.filter(|(u, v, _)| reach.contains(u) && reach.contains(v)).for_each(|(_, _, pixel)| pixel.0[0] = 255);
+        view
+    }
+
     #[test]
-    fn a_rim_of_background_is_taken_away_where_it_goes_around() {
-        for (rim, shown) in [(1, WHITE), (2, WHITE), (4, Rgb([240; 3]))] {
-            let mut view = view(|_, _| false, None, WHITE);
-            let grown = |u: u32, v: u32| (10 - rim..50 + rim).contains(&u) && (10 - rim..50 + rim).contains(&v);
-            for (u, v, pixel) in view.mask.coverage.enumerate_pixels_mut().filter(|(u, v, _)| grown(*u, *v)) {
-                pixel.0[0] = 255;
-                if !square(u, v) {
-                    view.image.put_pixel(u, v, shown);
-                }
-            }
-            let mended = mend_mask(&mut view);
-            // The outermost pixels alone may be mixed.
-            let trimmed = if rim == 1 { 0 } else { ((40 + 2 * rim).pow(2) - 1600) as usize };
-            assert_eq!(mended, Mended { given_back: 0, trimmed });
-            assert_eq!(is_whole(&view), rim > 1);
+    fn a_rim_of_background_is_found_where_it_goes_around() {
+        for rim in [1, 2, 4] {
+            let mended = mend_mask(&mut wide(rim, WHITE));
+            assert_eq!((mended.given_back, mended.rim.len()), (0, ((40 + 2 * rim).pow(2) - 1600) as usize));
         }
         // White at one side of the object, on white.
         let mut highlight = view(|_, _| false, None, WHITE);
@@ -373,5 +374,18 @@ mod tests {
             highlight.image.put_pixel(u, v, WHITE);
         }
         assert_eq!(mend_mask(&mut highlight), Mended::default());
+    }
+
+    #[test]
+    fn rims_are_taken_away_where_half_of_the_masks_have_one() {
+        for (wide_ones, all, is_taken) in [(1, 3, false), (2, 3, true), (0, 3, false)] {
+            let views = (0..all).map(|i| if i < wide_ones { wide(2, WHITE) } else { wide(0, WHITE) });
+            let mut views: Vec<(View, Mended)> = views.map(|mut view| (view.clone(), mend_mask(&mut view))).collect();
+            assert_eq!(take_rims(&mut views, all), is_taken);
+            assert_eq!(
+                views.iter().filter(|(view, _)| is_whole(view)).count(),
+                if is_taken { all } else { all - wide_ones }
+            );
+        }
     }
 }
