@@ -25,7 +25,8 @@ const NEARER: f32 = 16.0;
 /// Pixels from which a piece is mended however thin it is.
 const LONG: usize = 12;
 
-/// The share of an outline that must show background before any of it is taken away.
+/// The share of an outline that must show background before any of it is taken away, and of a hole that must show the
+/// object before any of it is given back.
 const MOST: f64 = 0.75;
 
 /// Holes larger than this share of the object are left alone.
@@ -93,6 +94,8 @@ struct Doubt<'a> {
     claimed: Vec<Vec3>,
     /// Pixels in doubt, in order.
     doubtful: Vec<usize>,
+    /// Those of them that the other kind closes in.
+    holes: Vec<Vec<usize>>,
 }
 
 impl<'a> Doubt<'a> {
@@ -100,9 +103,10 @@ impl<'a> Doubt<'a> {
     fn of_background(size: [usize; 2], object: &'a [bool], colors: &'a [[u8; 3]]) -> Option<Self> {
         let most = (LARGEST * object.iter().filter(|&&is_object| is_object).count() as f64) as usize;
         let mut closed = object.to_vec();
-        let holes = holes(object, size).into_iter().filter(|hole| hole.len() <= most);
-        holes.flatten().for_each(|pixel| closed[pixel] = true);
-        Self::new(size, object, near(&closed, size), colors)
+        let mut holes = holes(object, size);
+        holes.retain(|hole| hole.len() <= most);
+        holes.iter().flatten().for_each(|&pixel| closed[pixel] = true);
+        Some(Self { holes, ..Self::new(size, object, near(&closed, size), colors)? })
     }
 
     /// Object near its outline that may be background. `None` where there is none, or nothing farther inside.
@@ -117,7 +121,7 @@ impl<'a> Doubt<'a> {
         let claimed: Vec<Vec3> = spread(&found, COLORS).map(|color| Vec3::from(color.map(f32::from))).collect();
         let doubtful: Vec<usize> = (0..known.len()).filter(|&pixel| near[pixel] && !known[pixel]).collect();
         let has_both = !claimed.is_empty() && !doubtful.is_empty();
-        has_both.then_some(Self { size, known, colors, claimed, doubtful })
+        has_both.then_some(Self { size, known, colors, claimed, doubtful, holes: Vec::new() })
     }
 
     /// The doubtful pixels that are certainly of the other kind.
@@ -171,6 +175,12 @@ impl<'a> Doubt<'a> {
         let mut looks = vec![false; self.known.len()];
         for &pixel in &self.doubtful {
             looks[pixel] = self.looks_known(pixel, &mut apart);
+        }
+        // Of a hole that is dark in its middle, a shaded place or a true hole, the edges tell nothing.
+        for hole in &self.holes {
+            if (hole.iter().filter(|&&pixel| looks[pixel]).count() as f64) < MOST * hole.len() as f64 {
+                hole.iter().for_each(|&pixel| looks[pixel] = false);
+            }
         }
         let mut pieces = Vec::new();
         for &start in &self.doubtful {
@@ -344,6 +354,14 @@ mod tests {
         {
             assert_eq!(mend_mask(&mut view(hole, shown, background)), Mended::default(), "{shown:?} {background:?}");
         }
+        // A hole that looks like the object at its edge alone.
+        let mut shaded = view(hole, None, WHITE);
+        (0..SIZE).flat_map(|u| (0..SIZE).map(move |v| (u, v))).filter(|&(u, v)| u > 28 && hole(u, v)).for_each(
+            |(u, v)| {
+                shaded.image.put_pixel(u, v, WHITE);
+            },
+        );
+        assert_eq!(mend_mask(&mut shaded), Mended::default());
         // Some pixels on the outline, more of the object than of the background.
         let mixed = |u: u32, v: u32| u == 10 && (20..28).contains(&v);
         assert_eq!(mend_mask(&mut view(mixed, Some(Rgb([180, 110, 100])), WHITE)), Mended::default());
