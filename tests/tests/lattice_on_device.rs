@@ -135,7 +135,7 @@ fn a_field_looks_the_same_on_the_device() {
     assert!(logits.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max) < 1e-6);
     let colors = [&here as &dyn ScalarField, &there].map(|field| field.colors(&points, &points).unwrap());
     assert!(farthest(&colors[0], &colors[1]) < 1e-5);
-    assert!(colors[1].as_flattened().iter().any(|&c| c == 0.0), "clamped");
+    assert!(colors[1].as_flattened().contains(&0.0), "clamped");
     let gradients = [&here as &dyn ScalarField, &there].map(|field| field.gradients(&points).unwrap());
     let apart = gradients[0].iter().zip(&gradients[1]).map(|(a, b)| a.distance(*b)).fold(0.0, f32::max);
     assert!(apart < 1e-4, "{apart}");

@@ -334,8 +334,8 @@ mod tests {
         let tight = |u: u32, v: u32| !((11..49).contains(&u) && (11..49).contains(&v));
         let loose = |u: u32, v: u32| !((14..46).contains(&u) && (14..46).contains(&v));
         let speck = |u: u32, v: u32| (u, v) == (30, 30);
-        let missing: [(&dyn Fn(u32, u32) -> bool, usize); 5] =
-            [(&hole, 29), (&bite, 28), (&tight, 156), (&loose, 576), (&speck, 1)];
+        type Missing<'a> = &'a dyn Fn(u32, u32) -> bool;
+        let missing: [(Missing, usize); 5] = [(&hole, 29), (&bite, 28), (&tight, 156), (&loose, 576), (&speck, 1)];
         for (i, (missing, count)) in missing.into_iter().enumerate() {
             let mut view = view(missing, None, WHITE);
             assert_eq!(mend_mask(&mut view), Mended { given_back: count, rim: Vec::new() }, "{i}");

@@ -43,7 +43,7 @@ fn color_at(colors: &[f32], grid: &Grid, point: &Point) -> Point {
         green += weight * colors[node + 1];
         blue += weight * colors[node + 2];
     }
-    Point::new(red.max(0.0f32).min(1.0f32), green.max(0.0f32).min(1.0f32), blue.max(0.0f32).min(1.0f32))
+    Point::new(red.clamp(0.0f32, 1.0f32), green.clamp(0.0f32, 1.0f32), blue.clamp(0.0f32, 1.0f32))
 }
 
 /// What rays see, a work-item a ray.

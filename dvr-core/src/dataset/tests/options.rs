@@ -206,9 +206,9 @@ fn mask_files_are_mended_by_their_photographs_unless_they_are_to_be_trusted() {
     };
     let right: Vec<Mask> = ball.cameras.iter().map(|camera| ball.mask(camera)).collect();
     write(3, &|u, v| right[3].is_object(u, v) && !((22..25).contains(&u) && (16..20).contains(&v)));
-    for wide in 4..9usize {
+    for (wide, right) in right.iter().enumerate().skip(4) {
         let at = |place: u32, offset: u32, side: u32| (place + offset).saturating_sub(2).min(side - 1);
-        let near = |u, v, i: u32| right[wide].is_object(at(u, i % 5, WIDTH), at(v, i / 5, HEIGHT));
+        let near = |u, v, i: u32| right.is_object(at(u, i % 5, WIDTH), at(v, i / 5, HEIGHT));
         write(wide, &|u, v| (0..25).any(|i| near(u, v, i)));
     }
     let scene = read(folder.path());
