@@ -42,6 +42,7 @@ fn triples(points: &[Vec3]) -> Vec<[f32; 3]> {
 }
 
 /// An answer. Traits of fields know no failure: that of a device ends the program's work, as one of its tensors' does.
+/// (That there is room for questions was found out when the field was brought there.)
 fn answered<T>(answer: Result<T, FastError>) -> T {
     answer.unwrap_or_else(|problem| panic!("{problem}"))
 }

@@ -103,28 +103,36 @@ pub(super) fn load_views(found: &mut Found, options: &ReadOptions) -> Result<Vec
         ));
     }
     let mut loaded: Vec<(View, Mended)> = loaded.into_iter().collect::<Result<_>>()?;
-    let given_back: Vec<usize> = loaded.iter().map(|(_, mended)| mended.given_back).filter(|&n| n > 0).collect();
-    if !given_back.is_empty() {
-        found.warnings.push(format!(
-            "{} of {} masks leave out what photographs show to be the object; it was given back ({} pixels; --trust-masks \
-             takes masks as they are)",
-            given_back.len(),
-            loaded.len(),
-            given_back.iter().sum::<usize>()
-        ));
-    }
     let looked_at = found.views.iter().filter(|view| mends(view)).count();
-    if take_rims(&mut loaded, looked_at) {
-        let rims: Vec<usize> = loaded.iter().map(|(_, mended)| mended.rim.len()).filter(|&n| n > 0).collect();
-        found.warnings.push(format!(
-            "{} of {} masks have a rim that photographs show to be background; it was taken away ({} pixels; --trust-masks \
-             takes masks as they are)",
-            rims.len(),
-            loaded.len(),
-            rims.iter().sum::<usize>()
-        ));
+    let are_taken = take_rims(&mut loaded, looked_at);
+    tell_mended(
+        found,
+        &loaded,
+        |mended| mended.given_back,
+        "leave out what photographs show to be the object; it was given back",
+    );
+    if are_taken {
+        tell_mended(
+            found,
+            &loaded,
+            |mended| mended.rim.len(),
+            "have a rim that photographs show to be background; it was taken away",
+        );
     }
     Ok(loaded.into_iter().map(|(view, _)| view).collect())
+}
+
+/// Tells in how many masks, and how many pixels, something was mended, if in any.
+fn tell_mended(found: &mut Found, loaded: &[(View, Mended)], count: fn(&Mended) -> usize, what: &str) {
+    let pixels: Vec<usize> = loaded.iter().map(|(_, mended)| count(mended)).filter(|&pixels| pixels > 0).collect();
+    if !pixels.is_empty() {
+        found.warnings.push(format!(
+            "{} of {} masks {what} ({} pixels; --trust-masks takes masks as they are)",
+            pixels.len(),
+            loaded.len(),
+            pixels.iter().sum::<usize>()
+        ));
+    }
 }
 
 /// Reads one view, in the files' space, with depth in its units; `cameras` is the file to name where its camera is

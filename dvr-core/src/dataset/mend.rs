@@ -184,20 +184,11 @@ impl<'a> Doubt<'a> {
         }
         let mut pieces = Vec::new();
         for &start in &self.doubtful {
-            if !std::mem::replace(&mut looks[start], false) {
-                continue;
+            if looks[start] {
+                let mut piece = flood(start, &mut looks, |pixel| self.around(pixel, 1));
+                piece.sort_unstable();
+                pieces.push(piece);
             }
-            let (mut piece, mut next) = (vec![start], 0);
-            while let Some(&pixel) = piece.get(next) {
-                next += 1;
-                for beside in self.around(pixel, 1) {
-                    if std::mem::replace(&mut looks[beside], false) {
-                        piece.push(beside);
-                    }
-                }
-            }
-            piece.sort_unstable();
-            pieces.push(piece);
         }
         pieces
     }
@@ -225,35 +216,49 @@ impl<'a> Doubt<'a> {
     }
 }
 
-/// Pieces of what is not set that do not reach the frame, as their pixels.
+/// Takes out of `left` what hangs together with a pixel of it by `beside`: its places.
+fn flood<I: Iterator<Item = usize>>(start: usize, left: &mut [bool], beside: impl Fn(usize) -> I) -> Vec<usize> {
+    left[start] = false;
+    let (mut piece, mut next) = (vec![start], 0);
+    while let Some(&pixel) = piece.get(next) {
+        next += 1;
+        piece.extend(beside(pixel).filter(|&pixel| std::mem::take(&mut left[pixel])));
+    }
+    piece
+}
+
+/// Pieces of what is not set that do not reach the frame, as their pixels; they hang together by edges.
 fn holes(set: &[bool], [width, height]: [usize; 2]) -> Vec<Vec<usize>> {
-    let mut seen = set.to_vec();
+    let mut left: Vec<bool> = set.iter().map(|&is_set| !is_set).collect();
+    let on_frame = |pixel: usize| {
+        let (x, y) = (pixel % width, pixel / width);
+        x == 0 || y == 0 || x + 1 == width || y + 1 == height
+    };
+    let beside = |pixel: usize| {
+        let (x, y) = (pixel % width, pixel / width);
+        let left = (x > 0).then(|| pixel - 1);
+        let right = (x + 1 < width).then_some(pixel + 1);
+        let above = (y > 0).then(|| pixel - width);
+        let below = (y + 1 < height).then_some(pixel + width);
+        [left, right, above, below].into_iter().flatten()
+    };
+    // What reaches the frame goes first: what is left is closed in.
+    for start in (0..set.len()).filter(|&pixel| on_frame(pixel)) {
+        if left[start] {
+            flood(start, &mut left, beside);
+        }
+    }
     let mut holes = Vec::new();
-    for start in 0..seen.len() {
-        if std::mem::replace(&mut seen[start], true) {
-            continue;
-        }
-        let (mut piece, mut next, mut is_closed) = (vec![start], 0, true);
-        while let Some(&pixel) = piece.get(next) {
-            next += 1;
-            let (x, y) = (pixel % width, pixel / width);
-            let within = [x > 0, x + 1 < width, y > 0, y + 1 < height];
-            is_closed &= !within.contains(&false);
-            let beside = [pixel.wrapping_sub(1), pixel + 1, pixel.wrapping_sub(width), pixel + width];
-            for (pixel, _) in beside.into_iter().zip(within).filter(|(_, within)| *within) {
-                if !std::mem::replace(&mut seen[pixel], true) {
-                    piece.push(pixel);
-                }
-            }
-        }
-        if is_closed {
-            holes.push(piece);
+    for start in 0..set.len() {
+        if left[start] {
+            holes.push(flood(start, &mut left, beside));
         }
     }
     holes
 }
 
-/// What lies in a square of `REACH` around something that is set.
+/// What lies in a square of `REACH` around something that is set. (Exact distances, `distance_transform::signed_distance`, take
+/// longer than all else here.)
 fn near(set: &[bool], [width, height]: [usize; 2]) -> Vec<bool> {
     // Along rows, then along columns.
     let mut along_rows = vec![false; set.len()];

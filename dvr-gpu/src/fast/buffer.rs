@@ -33,7 +33,7 @@ impl Buffers {
     }
 
     /// Whether so many numbers of four bytes find room.
-    fn check(&self, what: &'static str, length: usize) -> Result<Shape, FastError> {
+    pub fn check(&self, what: &'static str, length: usize) -> Result<Shape, FastError> {
         let (bytes, most) = (4 * length as u64, self.client.properties().memory.max_page_size);
         if bytes > most {
             return Err(FastError::TooLarge { what, mebibytes: bytes >> 20, most: most >> 20 });

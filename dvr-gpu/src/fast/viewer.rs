@@ -61,9 +61,17 @@ impl LatticeViewer {
             marks.clone().into_buffer_arg(),
             nodes as u32,
         );
+        let (values, colors) = (shape.values.to_vec(), color.values.to_vec());
+        let (values, colors) =
+            (buffers.floats("values of nodes", values)?, buffers.floats("colours of nodes", colors)?);
+        // Told now, not when something is asked.
+        buffers.check(
+            "rays to look at it",
+            (RAY_COLUMNS + SHADED_COLUMNS) * rows_at_once(4 * (RAY_COLUMNS + SHADED_COLUMNS) as u64),
+        )?;
         Ok(Self {
-            values: buffers.floats("values of nodes", shape.values.to_vec())?,
-            colors: buffers.floats("colours of nodes", color.values.to_vec())?,
+            values,
+            colors,
             marks,
             region: region(nodes, &[], shape.values),
             nodes: [shape.nodes, color.nodes].map(|nodes| nodes as u32),
