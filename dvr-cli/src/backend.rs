@@ -50,14 +50,14 @@ impl Backend {
     }
 
     /// The device on which a method is to train. The visual hull has no steps to train, and a second CPU backend is
-    /// nothing to fields on lattices: where something else was asked for, that is said.
+    /// nothing to fields on grids: where something else was asked for, that is said.
     ///
     /// # Errors
     /// As [`Backend::device`].
     pub fn training_device(self, method: &Method) -> Result<Device> {
         match (method, self) {
-            (Method::Lattice(config), Self::Gpu(_) | Self::Cuda(_)) if config.steps > 0 => self.device(),
-            (Method::Lattice(config), _) if self != Self::Cpu => {
+            (Method::Grid(config), Self::Gpu(_) | Self::Cuda(_)) if config.steps > 0 => self.device(),
+            (Method::Grid(config), _) if self != Self::Cpu => {
                 let name = if config.steps == 0 { "hull" } else { "fast" };
                 eprintln!("note: --method {name} is computed on the CPU, and --backend {self} changes nothing");
                 Ok(Device::flex())
@@ -66,13 +66,13 @@ impl Backend {
         }
     }
 
-    /// The device for what a method has trained. A second CPU backend is nothing to fields on lattices: where it was
+    /// The device for what a method has trained. A second CPU backend is nothing to fields on grids: where it was
     /// asked for, that is said.
     ///
     /// # Errors
     /// As [`Backend::device`].
     pub fn device_for(self, method: &Method) -> Result<Device> {
-        if matches!(method, Method::Lattice(_)) && self == Self::Ndarray {
+        if matches!(method, Method::Grid(_)) && self == Self::Ndarray {
             eprintln!(
                 "note: what --method fast and hull make is no tensors on the CPU, and --backend {self} changes nothing"
             );

@@ -3,7 +3,7 @@
 use anyhow::Result;
 use burn::tensor::Device;
 use dvr_render::is_gpu;
-use dvr_train::{Method, check_step_memory};
+use dvr_train::{Method, check_memory};
 
 /// Keeps the tensors on a graphics processor within what `--memory` allows; elsewhere it concerns photographs alone.
 pub fn limit(device: &Device, memory: Option<u64>) {
@@ -22,7 +22,7 @@ pub fn limit(device: &Device, memory: Option<u64>) {
 pub fn limit_training(device: &Device, memory: Option<u64>, method: &Method) -> Result<()> {
     limit(device, memory);
     match memory.filter(|_| is_gpu(device)) {
-        Some(bytes) => Ok(check_step_memory(method, bytes)?),
+        Some(bytes) => Ok(check_memory(method, bytes)?),
         None => Ok(()),
     }
 }

@@ -57,7 +57,7 @@ fn it_beats_the_hull_and_says_what_it_chose() {
     let frames = tiny.path("frames");
     succeeds(&dvr(&["render", text(&scene_file), "--out", text(&frames), "--frames", "2", "--size", "24"]));
     assert!(frames.join("orbit_0001.png").is_file());
-    refuses(&dvr(&["export", text(&scene_file), "--out", "x.safetensors"]), &["lattice", "--method network"]);
+    refuses(&dvr(&["export", text(&scene_file), "--out", "x.safetensors"]), &["grid", "--method network"]);
 }
 
 #[test]

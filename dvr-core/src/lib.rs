@@ -41,8 +41,11 @@ pub mod sampling;
 mod scene;
 mod similarity_fit;
 mod srgb;
+mod supervision;
 pub mod synth;
+mod view_split;
 mod visibility;
+pub mod voxel;
 
 pub use bvh::{Bvh, RayHit};
 pub use camera::{Camera, Similarity};
@@ -53,4 +56,6 @@ pub use raster::{DepthMap, Mask};
 pub use ray::{Ray, UnitCube};
 pub use scene::{GroundTruth, Scene, SparsePoints, Split, View};
 pub use srgb::{linear_to_srgb, srgb_to_linear};
+pub use supervision::Supervision;
+pub use view_split::ViewSplit;
 pub use visibility::{Observation, Sight, Visibility};

@@ -21,21 +21,15 @@
 #![warn(missing_docs)]
 
 mod adapter;
-mod fast;
-mod lattice;
+mod buffer;
 mod march;
 mod memory;
 mod open;
-mod space;
 
 pub use adapter::{Adapter, AdapterKind, adapters};
-pub use fast::{
-    FastError, LESSON_COLUMNS, LatticeLevels, LatticeLosses, LatticeStep, LatticeSums, LatticeTrainer, LatticeViewer,
-    NodeValues, Photograph, Photographs, RAY_COLUMNS, SHADED_COLUMNS,
-};
-pub use lattice::{LatticeQuery, lattice_by_points, lattice_by_values, lattice_interpolate};
+pub use buffer::{Buffer, Buffers, DeviceError};
 pub use march::{MarchOp, MarchPlan, PackedDecoder, RaySearch, Root, march_decoder};
-pub use memory::{MemoryExcess, limit_memory, memory_excess, memory_held, points_at_once};
+pub use memory::{CubeDevice, MemoryExcess, limit_memory, memory_excess, memory_held, points_at_once, rows_at_once};
 pub use open::{Gpu, GpuError, is_gpu, open};
 #[cfg(feature = "cuda")]
 pub use open::{cuda_devices, open_cuda};

@@ -8,7 +8,7 @@ use burn::tensor::Device;
 use crate::open::{client, is_gpu};
 
 /// A device, as its backend calls it.
-pub(crate) type CubeDevice = burn::backend::tensor::Device<Cube>;
+pub type CubeDevice = burn::backend::tensor::Device<Cube>;
 
 /// Bytes that each device of this process may take; all that there are until somebody says otherwise.
 static LIMIT: AtomicU64 = AtomicU64::new(u64::MAX);
@@ -62,7 +62,7 @@ const LITTLE: u64 = 1 << 16;
 
 /// How many rows of so many bytes to handle at once where each is little work: enough to keep a card busy, and within a
 /// quarter of what [`limit_memory`] allows.
-pub(crate) fn rows_at_once(bytes: u64) -> usize {
+pub fn rows_at_once(bytes: u64) -> usize {
     let allowed = LIMIT.load(Ordering::Relaxed) / 4 / bytes.max(1);
     usize::try_from(allowed).unwrap_or(usize::MAX).clamp(1 << 10, 1 << 18)
 }

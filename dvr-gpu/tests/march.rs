@@ -126,28 +126,28 @@ fn rays(n: usize, objects: usize) -> Vec<Ray> {
         .collect()
 }
 
-/// Fate, depth between the samples of whose logits the signs differ, densest depth.
+/// RayStatus, depth between the samples of whose logits the signs differ, densest depth.
 fn march(network: &Network, ray: &Ray, steps: usize, jittered: bool) -> (u8, [f32; 2], f32) {
     let [entry, exit] = ray.interval;
     let depth = |k: usize| {
         let share = if jittered { (k as f32 + ray.jitter) / steps as f32 } else { k as f32 / (steps - 1) as f32 };
         entry + (exit - entry) * share
     };
-    let (mut densest, mut densest_depth) = (f32::NEG_INFINITY, entry);
+    let (mut densest, mut max_logit_depth) = (f32::NEG_INFINITY, entry);
     if exit < entry {
         return (0, [0.0; 2], entry);
     }
     for k in 0..steps {
         let logit = network.logit(ray.at(depth(k)), ray.object);
         if logit > densest {
-            (densest, densest_depth) = (logit, depth(k));
+            (densest, max_logit_depth) = (logit, depth(k));
         }
         if logit >= 0.0 {
             let before = k.saturating_sub(1);
-            return (if k == 0 { 2 } else { 1 }, [depth(before), depth(k)], densest_depth);
+            return (if k == 0 { 2 } else { 1 }, [depth(before), depth(k)], max_logit_depth);
         }
     }
-    (0, [0.0; 2], densest_depth)
+    (0, [0.0; 2], max_logit_depth)
 }
 
 fn on_device(network: &Network, rays: &[Ray], search: (usize, Root, usize, bool), device: &Device) -> Vec<[f32; 3]> {
@@ -190,11 +190,11 @@ fn the_kernel_finds_what_its_plain_twin_finds() {
         let rays = rays(150, network.objects);
         let found = on_device(&network, &rays, search, &device);
         let (mut fates, mut unlike) = ([0; 3], 0);
-        for (ray, [fate, depth, densest]) in rays.iter().zip(found) {
+        for (ray, [status, depth, densest]) in rays.iter().zip(found) {
             let (expected, [before, behind], expected_densest) = march(&network, ray, search.0, search.3);
             fates[usize::from(expected)] += 1;
             // Where a sample lies on the surface to rounding, either side is right.
-            if fate != f32::from(expected) {
+            if status != f32::from(expected) {
                 unlike += 1;
                 continue;
             }

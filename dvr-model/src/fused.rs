@@ -1,8 +1,8 @@
 //! The decoder without gradients, off the tensors: tiles of points through all layers at once.
 
+use crate::mlp::{LinearWeights, ResidualMlp};
 use burn::nn::Linear;
 use burn::tensor::{DType, Device, Tensor};
-use dvr_kernels::{LinearWeights, ResidualMlp};
 use dvr_render::Snapshot;
 use dvr_render::extract::ScalarField;
 use glam::Vec3;
@@ -86,7 +86,7 @@ mod tests {
     use burn::tensor::{Int, Tensor, TensorData};
     use dvr_core::{Camera, Ray, UnitCube};
     use dvr_render::extract::FieldSurface;
-    use dvr_render::{Fate, Field, March, MarchSettings, Marcher, Query, Rays, SnapshotMarcher, TensorMarcher};
+    use dvr_render::{Field, March, MarchSettings, Marcher, Query, RayStatus, Rays, SnapshotMarcher, TensorMarcher};
     use glam::DVec3;
 
     use super::*;
@@ -147,13 +147,14 @@ mod tests {
         let indices = |march: &March| march.hits.as_ref().map(|hits| hits.index.clone().into_data());
         assert!(indices(truth).is_some_and(|hits| hits.num_elements() > 20), "too few hits to compare");
         assert_eq!(indices(ours), indices(truth));
-        assert_eq!(ours.fate, truth.fate);
+        assert_eq!(ours.status, truth.status);
         let depths = |march: &March| march.hits.as_ref().map(|hits| hits.depth.clone()).expect("hits");
         let apart = (depths(ours) - depths(truth)).abs().max().into_scalar::<f32>();
         assert!(apart < 2e-5, "depths are {apart} apart");
-        let missed: Vec<f32> = truth.fate.iter().map(|&fate| f32::from(u8::from(fate == Fate::Misses))).collect();
-        let missed = Tensor::<1>::from_floats(missed.as_slice(), &truth.densest_depth.device());
-        let apart = (ours.densest_depth.clone() - truth.densest_depth.clone()) * missed;
+        let missed: Vec<f32> =
+            truth.status.iter().map(|&status| f32::from(u8::from(status == RayStatus::Misses))).collect();
+        let missed = Tensor::<1>::from_floats(missed.as_slice(), &truth.max_logit_depth.device());
+        let apart = (ours.max_logit_depth.clone() - truth.max_logit_depth.clone()) * missed;
         // Two samples may be as dense as each other, to rounding: few rays may differ.
         let differ = apart.abs().greater_elem(1e-4).float().sum().into_scalar::<f32>();
         assert!(differ <= 2.0, "{differ} rays have another densest sample");

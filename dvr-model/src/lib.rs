@@ -44,33 +44,21 @@
 #![warn(missing_docs)]
 
 mod decoder;
-#[cfg(feature = "gpu")]
-mod device_lattice;
 mod encoder;
 mod encoding;
 mod fused;
 #[cfg(feature = "gpu")]
 mod gpu_march;
 mod image_model;
-mod lattice_decoder;
-mod lattice_field;
-pub mod lattice_file;
-#[cfg(feature = "gpu")]
-mod lattice_gpu;
-mod lattice_host;
-mod lattice_op;
+mod mlp;
 mod pytorch;
 mod record;
 mod tensors;
 
 pub use decoder::{Conditioned, Decoder, DecoderConfig, ResnetBlock};
-#[cfg(feature = "gpu")]
-pub use device_lattice::DeviceLattice;
 pub use encoder::{BasicBlock, Codes, Convolutional, Encoder, EncoderConfig, Resnet18, Resnet18Features};
 pub use fused::FusedDecoder;
 pub use image_model::{ImageModel, ImageModelConfig, OutOfRange};
-pub use lattice_decoder::{LatticeDecoder, LatticeDecoderConfig};
-pub use lattice_field::{LatticeField, LatticeValues};
 pub use pytorch::{AdamMoments, Imported, ImportedNetwork, PytorchCheckpoint, load_pretrained, read_pytorch};
 pub use record::{
     FORMAT_VERSION, NetworkConfig, RecordError, from_safetensors, load_safetensors, save_safetensors, to_safetensors,

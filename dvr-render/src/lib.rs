@@ -49,11 +49,12 @@ mod skip;
 mod snapshot_march;
 mod surface;
 mod view;
+mod view_metrics;
 
 pub use chunks::{is_gpu, memory_excess};
 pub use field::{Field, FieldJet, FieldValues, Query, Snapshot, axis_direction};
 pub use implicit_depth::{SlopeRule, dot, implicit_depth};
-pub use march::{Fate, Hits, March, MarchSettings, Marcher, TensorMarcher};
+pub use march::{Hits, March, MarchSettings, Marcher, RayStatus, TensorMarcher};
 pub use rays::Rays;
 pub use root::{Bracket, RootMethod};
 pub use rows::{DistinctRows, select_rows};
@@ -62,3 +63,4 @@ pub use skip::SkipGrid;
 pub use snapshot_march::SnapshotMarcher;
 pub use surface::Surface;
 pub use view::{Rendering, render_view};
+pub use view_metrics::{ViewMetrics, view_metrics};

@@ -47,30 +47,30 @@ pub struct March {
     pub hits: Option<Hits>,
     /// What became of each ray, in the batch's order. Not on the device: which rays hit must be known to the program,
     /// to go on with these alone, and is read back once.
-    pub fate: Vec<Fate>,
+    pub status: Vec<RayStatus>,
     /// Depth of the sample with the largest logit, `[n]`: where a ray that misses came closest to the object. Of other
     /// rays, a marcher that stops at the surface has looked at the samples before it alone.
-    pub densest_depth: Tensor<1>,
+    pub max_logit_depth: Tensor<1>,
 }
 
 impl March {
-    /// From what a kernel leaves on the device, `[n, 3]`: the fate of each ray as a number (0 misses, 1 hits, 2 starts
+    /// From what a kernel leaves on the device, `[n, 3]`: the status of each ray as a number (0 misses, 1 hits, 2 starts
     /// inside), the depth of its crossing, and that of its densest sample. The fates alone are read back.
     pub fn of_columns(rays: &Rays, columns: &Tensor<2>) -> Self {
         let column = |i| columns.clone().narrow(1, i, 1).squeeze_dim::<1>(1);
-        let fate = Fate::read(column(0));
-        let hits = Hits::places(&fate, rays).map(|index| Hits {
+        let status = RayStatus::read(column(0));
+        let hits = Hits::places(&status, rays).map(|index| Hits {
             rays: rays.select(&index),
             depth: column(1).select(0, index.clone()),
             index,
         });
-        Self { hits, fate, densest_depth: column(2) }
+        Self { hits, status, max_logit_depth: column(2) }
     }
 }
 
 /// What became of a ray.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Fate {
+pub enum RayStatus {
     /// It meets nothing.
     #[default]
     Misses,
@@ -80,21 +80,21 @@ pub enum Fate {
     StartsInside,
 }
 
-impl Fate {
+impl RayStatus {
     /// The fates that a marcher left on the device as numbers, `[n]`: 0, 1 and 2 in the order of the variants. Reads
     /// them back.
     fn read(codes: Tensor<1>) -> Vec<Self> {
-        let fate = |code: f32| match code {
+        let status = |code: f32| match code {
             1.0 => Self::Hits,
             2.0 => Self::StartsInside,
             _ => Self::Misses,
         };
-        codes.into_data().iter::<f32>().map(fate).collect()
+        codes.into_data().iter::<f32>().map(status).collect()
     }
 
     /// The places of the rays that hit, ascending.
     fn hits(fates: &[Self]) -> Vec<i64> {
-        fates.iter().enumerate().filter(|(_, fate)| **fate == Self::Hits).map(|(i, _)| i as i64).collect()
+        fates.iter().enumerate().filter(|(_, status)| **status == Self::Hits).map(|(i, _)| i as i64).collect()
     }
 }
 
@@ -111,8 +111,8 @@ pub struct Hits {
 
 impl Hits {
     /// The places of the rays that hit, on the rays' device; `None` where none does.
-    fn places(fates: &[Fate], rays: &Rays) -> Option<Tensor<1, Int>> {
-        let places = Fate::hits(fates);
+    fn places(fates: &[RayStatus], rays: &Rays) -> Option<Tensor<1, Int>> {
+        let places = RayStatus::hits(fates);
         let count = places.len();
         (count > 0).then(|| Tensor::from_data(TensorData::new(places, [count]), &rays.entry.device()))
     }
@@ -199,17 +199,17 @@ impl<F: Field> TensorMarcher<F> {
             outside_logit: pick(&logit, &before),
             inside_logit: pick(&logit, &after),
         };
-        let densest_depth = pick(&depth, &logit.argmax(1));
-        let fate = hit.float() + starts_inside.float() * 2.0;
-        Samples { fate, densest_depth, bracket }
+        let max_logit_depth = pick(&depth, &logit.argmax(1));
+        let status = hit.float() + starts_inside.float() * 2.0;
+        Samples { status, max_logit_depth, bracket }
     }
 }
 
 /// What sampling a chunk of rays tells, one entry a ray; the bracket is meaningless where a ray does not hit.
 struct Samples {
-    /// [`Fate`]s as numbers.
-    fate: Tensor<1>,
-    densest_depth: Tensor<1>,
+    /// [`RayStatus`]s as numbers.
+    status: Tensor<1>,
+    max_logit_depth: Tensor<1>,
     bracket: Bracket,
 }
 
@@ -221,9 +221,9 @@ impl<F: Field> Marcher for TensorMarcher<F> {
             self.sample(&rays.narrow(start, length), jitter.clone().map(|j| j.narrow(0, start, length)))
         });
         let gather = |part: fn(&Samples) -> Tensor<1>| Tensor::cat(samples.iter().map(part).collect(), 0);
-        let fate = Fate::read(gather(|s| s.fate.clone()));
-        let densest_depth = gather(|s| s.densest_depth.clone());
-        let hits = Hits::places(&fate, rays).map(|index| {
+        let status = RayStatus::read(gather(|s| s.status.clone()));
+        let max_logit_depth = gather(|s| s.max_logit_depth.clone());
+        let hits = Hits::places(&status, rays).map(|index| {
             let hit_rays = rays.select(&index);
             let pick = |part: fn(&Samples) -> Tensor<1>| gather(part).select(0, index.clone());
             let bracket = Bracket {
@@ -236,6 +236,6 @@ impl<F: Field> Marcher for TensorMarcher<F> {
             let depth = self.settings.root.find(bracket, self.settings.root_steps, logit);
             Hits { index, rays: hit_rays, depth }
         });
-        March { hits, fate, densest_depth }
+        March { hits, status, max_logit_depth }
     }
 }

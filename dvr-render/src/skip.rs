@@ -1,7 +1,7 @@
 //! Empty space that need not be marched: a coarse grid of cells that may hold surface.
 
+use dvr_core::voxel::{VoxelGrid, VoxelTraversal};
 use dvr_core::{Ray, UnitCube};
-use dvr_kernels::{Lattice, Walk};
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -50,8 +50,8 @@ impl SkipGrid {
 
     /// Ray depths between which the ray may meet the object, within the cube; `None` where it cannot.
     pub fn interval(&self, ray: &Ray) -> Option<(f64, f64)> {
-        let lattice = Lattice::new(self.cells + 1, self.cube.half_extent() as f32);
-        let walk = Walk::new(&lattice, ray.origin.as_vec3(), ray.direction.as_vec3(), 0.0, f32::INFINITY)?;
+        let grid = VoxelGrid::new(self.cells + 1, self.cube.half_extent() as f32);
+        let walk = VoxelTraversal::new(&grid, ray.origin.as_vec3(), ray.direction.as_vec3(), 0.0, f32::INFINITY)?;
         let marked = walk.filter(|segment| {
             let [x, y, z] = segment.cell;
             self.marked[(x * self.cells + y) * self.cells + z]

@@ -5,14 +5,14 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use crate::field::Snapshot;
-use crate::march::{Fate, Hits, March, MarchSettings, Marcher};
+use crate::march::{Hits, March, MarchSettings, Marcher, RayStatus};
 use crate::rays::Rays;
 use crate::root::Bracket;
 
 /// Marches through gradient-free snapshots of a field, one an object: the same samples as those of
 /// [`TensorMarcher`](crate::TensorMarcher), but none behind the first crossing.
 ///
-/// Of a ray that hits or starts inside, [`March::densest_depth`] is the densest of the samples that were looked at.
+/// Of a ray that hits or starts inside, [`March::max_logit_depth`] is the densest of the samples that were looked at.
 pub struct SnapshotMarcher<'a> {
     snapshots: &'a [Snapshot],
     settings: MarchSettings,
@@ -43,7 +43,7 @@ impl<'a> SnapshotMarcher<'a> {
         let mut active: Vec<usize> =
             (0..chunk.len()).filter(|&i| rays.entry[chunk[i]] <= rays.exit[chunk[i]]).collect();
         for (i, sampled) in found.iter_mut().enumerate() {
-            sampled.densest_depth = rays.depth_of(chunk[i], 0, steps);
+            sampled.max_logit_depth = rays.depth_of(chunk[i], 0, steps);
         }
         let (mut first, mut points) = (0, Vec::with_capacity(POINTS));
         while first < steps && !active.is_empty() {
@@ -59,7 +59,7 @@ impl<'a> SnapshotMarcher<'a> {
                 for (k, &logit) in (first..).zip(values.next().unwrap_or_default()) {
                     if logit > densest[i] {
                         densest[i] = logit;
-                        found[i].densest_depth = rays.depth_of(chunk[i], k, steps);
+                        found[i].max_logit_depth = rays.depth_of(chunk[i], k, steps);
                     }
                     // A logit of exactly 0 is on the surface, hence inside; NaN is outside.
                     if logit >= 0.0 {
@@ -98,17 +98,17 @@ impl<'a> SnapshotMarcher<'a> {
 #[derive(Clone, Copy, Debug, Default)]
 struct Sampled {
     starts_inside: bool,
-    densest_depth: f32,
+    max_logit_depth: f32,
     /// Depths and logits of the last sample outside and the first inside.
     bracket: Option<([f32; 2], [f32; 2])>,
 }
 
 impl Sampled {
-    fn fate(&self) -> Fate {
+    fn status(&self) -> RayStatus {
         match self.bracket {
-            Some(_) => Fate::Hits,
-            None if self.starts_inside => Fate::StartsInside,
-            None => Fate::Misses,
+            Some(_) => RayStatus::Hits,
+            None if self.starts_inside => RayStatus::StartsInside,
+            None => RayStatus::Misses,
         }
     }
 }
@@ -151,8 +151,8 @@ impl Marcher for SnapshotMarcher<'_> {
         });
         March {
             hits,
-            fate: sampled.iter().map(Sampled::fate).collect(),
-            densest_depth: floats(sampled.iter().map(|s| s.densest_depth).collect(), &device),
+            status: sampled.iter().map(Sampled::status).collect(),
+            max_logit_depth: floats(sampled.iter().map(|s| s.max_logit_depth).collect(), &device),
         }
     }
 }

@@ -1,6 +1,6 @@
 //! What a run was told that nobody else is: its settings beside the defaults.
 
-use dvr_train::{FastConfig, Method, ObjectsConfig, TrainConfig};
+use dvr_train::{GridConfig, Method, ObjectsConfig, TrainConfig};
 use serde_json::Value;
 
 use crate::error::Result;
@@ -24,10 +24,9 @@ impl Settings {
     pub fn new(method: &Method) -> Result<Self> {
         let supervision = method.supervision();
         let presets = match method {
-            Method::Lattice(_) => vec![
-                ("fast", Method::Lattice(FastConfig::new(supervision))),
-                ("hull", Method::Lattice(FastConfig::hull())),
-            ],
+            Method::Grid(_) => {
+                vec![("fast", Method::Grid(GridConfig::new(supervision))), ("hull", Method::Grid(GridConfig::hull()))]
+            }
             Method::Network(_) => vec![
                 ("network", Method::Network(TrainConfig::new(supervision))),
                 ("classic", Method::Network(TrainConfig::classic(supervision))),
@@ -81,13 +80,13 @@ mod tests {
 
     #[test]
     fn only_what_differs_from_the_nearest_preset_is_told() {
-        let defaults = Settings::new(&Method::Lattice(FastConfig::new(Supervision::RgbDepth))).unwrap();
+        let defaults = Settings::new(&Method::Grid(GridConfig::new(Supervision::RgbDepth))).unwrap();
         assert_eq!((defaults.preset, defaults.changed.len()), ("fast", 0));
-        assert_eq!(Settings::new(&Method::Lattice(FastConfig::hull())).unwrap().preset, "hull");
+        assert_eq!(Settings::new(&Method::Grid(GridConfig::hull())).unwrap().preset, "hull");
         assert_eq!(Settings::new(&Method::Network(TrainConfig::classic(Supervision::Rgb))).unwrap().preset, "classic");
-        let mut config = FastConfig { seed: 7, capacity: Capacity::Cells(64), ..FastConfig::new(Supervision::Rgb) };
+        let mut config = GridConfig { seed: 7, capacity: Capacity::Cells(64), ..GridConfig::new(Supervision::Rgb) };
         config.losses.mask = 3.0;
-        let mut changed = Settings::new(&Method::Lattice(config)).unwrap().changed;
+        let mut changed = Settings::new(&Method::Grid(config)).unwrap().changed;
         changed.sort();
         let keys: Vec<&str> = changed.iter().map(|[key, ..]| key.as_str()).collect();
         assert_eq!(keys, ["capacity", "losses.mask", "seed"]);

@@ -6,7 +6,7 @@ use dvr_core::mesh::{Mesh, read_mesh};
 use dvr_core::{Camera, Scene, Split, View, Visibility};
 use dvr_render::MeshShader;
 use dvr_train::{
-    CheckpointHeader, Method, ObjectsMetrics, RunFolder, RunMetrics, Summary, ViewSplit, agreement, judging_views,
+    CheckpointHeader, Method, ObjectsMetrics, RunFolder, RunMetrics, Summary, ViewSplit, judging_views, view_metrics,
 };
 use glam::DVec3;
 use serde_json::{Value, json};
@@ -194,7 +194,7 @@ impl RunStory {
         let count = budget.views.min(shown.len());
         let chosen = (0..count).map(|i| shown[(2 * i + 1) * shown.len() / (2 * count)]);
         self.views = chosen.map(|view| view_pictures(&shader, view, budget.width)).collect::<Result<_>>()?;
-        let of_view = |view: &&View| Some((view.name.clone(), agreement(&shader, &[view], MASK_PIXELS)?.mask_iou));
+        let of_view = |view: &&View| Some((view.name.clone(), view_metrics(&shader, &[view], MASK_PIXELS)?.mask_iou));
         let agreements: Vec<(String, f64)> = split.train.iter().filter_map(of_view).collect();
         self.findings.warnings.extend(disagreeing_masks(&agreements));
         Ok(())

@@ -16,7 +16,7 @@ use dvr_core::sampling::sample_surface;
 use dvr_core::{PointCloud, Scene, Similarity};
 use dvr_render::extract::{ExtractSettings, extract_mesh};
 use dvr_stress::displace_camera;
-use dvr_train::{FastConfig, FastTrainer, Learner, ViewSplit, refine_cameras};
+use dvr_train::{GridConfig, GridTrainer, ViewSplit, refine_cameras};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
@@ -55,7 +55,7 @@ fn compare(scene: &Scene, seed: u64, exact: f64, degrees: f64, share: f64) {
     let lost = chamfer(&wrong, seed);
     let off = distance(scene, &wrong);
     let start = Instant::now();
-    let config = FastConfig { seed, ..FastConfig::default() };
+    let config = GridConfig { seed, ..GridConfig::default() };
     let refined = refine_cameras(&mut wrong, &config, ROUNDS, &AtomicBool::new(false), &mut ());
     let rounds = refined.expect("the views can be trained on").expect("nobody interrupts").rounds;
     let seconds = start.elapsed().as_secs_f64();
@@ -89,9 +89,9 @@ fn distance(exact: &Scene, other: &Scene) -> f64 {
 
 /// Chamfer-L1 of what the fast method makes of a scene, aligned.
 fn chamfer(scene: &Scene, seed: u64) -> f64 {
-    let config = FastConfig { seed, ..FastConfig::default() };
+    let config = GridConfig { seed, ..GridConfig::default() };
     let views = ViewSplit::new(scene, config.hold_out_every).expect("enough views");
-    let mut trainer = FastTrainer::new(views, config).expect("the masks show the object");
+    let mut trainer = GridTrainer::new(views, config).expect("the masks show the object");
     while trainer.steps_done() < trainer.total_steps() {
         trainer.step().expect("the loss is finite");
     }

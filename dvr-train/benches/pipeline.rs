@@ -19,7 +19,7 @@ use dvr_render::{
     Field, FieldShader, MarchSettings, Marcher, Query, Rays, RenderSettings, Shader, SkipGrid, SlopeRule, Surface,
     TensorMarcher, implicit_depth,
 };
-use dvr_train::{Capacity, FastConfig, FastTrainer, Learner, Supervision, TrainConfig, Trainer, ViewSplit};
+use dvr_train::{Capacity, GridConfig, GridTrainer, Supervision, TrainConfig, Trainer, ViewSplit};
 use glam::{DVec3, Vec3};
 
 const RAYS: usize = 1024;
@@ -190,19 +190,19 @@ fn extraction(c: &mut Criterion) {
     group.finish();
 }
 
-/// The fast method: its step, and rays that meet a lattice.
-fn lattices(c: &mut Criterion) {
+/// The fast method: its step, and rays that meet a grid.
+fn grids(c: &mut Criterion) {
     let scene = demo_scene();
-    let mut group = c.benchmark_group("lattice field");
+    let mut group = c.benchmark_group("grid field");
     for cells in [64, 128] {
-        let config = FastConfig {
+        let config = GridConfig {
             capacity: Capacity::Cells(cells),
             first_cells: cells,
             steps: usize::MAX / 2,
-            ..FastConfig::default()
+            ..GridConfig::default()
         };
         let views = ViewSplit::new(&scene, config.hold_out_every).expect("enough views");
-        let mut trainer = FastTrainer::new(views, config).expect("the masks show the object");
+        let mut trainer = GridTrainer::new(views, config).expect("the masks show the object");
         group.throughput(Throughput::Elements(2048));
         group.bench_function(format!("training step, {cells} cells, 2048 rays"), |b| {
             b.iter(|| trainer.step().expect("the loss is finite"));
@@ -235,7 +235,7 @@ criterion_group!(
     depth_operation,
     training_step,
     extraction,
-    lattices,
+    grids,
     reading
 );
 criterion_main!(benches);

@@ -2,8 +2,8 @@
 //!
 //! The container is safetensors: a JSON header with the format's version and the full configuration, and two byte
 //! tensors, `model` and `training`. For a network they hold burn's own records (which keep parameter identities, so
-//! that the optimiser's moments find their parameters again); for a lattice field the compact field that
-//! `dvr_model::lattice_file` writes, and what training needs besides.
+//! that the optimiser's moments find their parameters again); for a grid field the compact field that
+//! `dvr_model::grid_file` writes, and what training needs besides.
 
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;

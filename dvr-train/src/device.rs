@@ -1,19 +1,19 @@
 //! What to say where a graphics processor cannot.
 
-use dvr_gpu::FastError;
+use dvr_gpu::DeviceError;
 
 use crate::error::Error;
 
 /// A device's refusal, with what to do; `less` says what would take less memory.
-pub(crate) fn refused(problem: FastError, less: &str) -> Error {
+pub(crate) fn refused(problem: DeviceError, less: &str) -> Error {
     let remedy = match problem {
-        FastError::OverLimit { what, bytes, held, allowed } => {
+        DeviceError::OverLimit { what, bytes, held, allowed } => {
             let (what, remedy) =
                 (format!("{what} and what is there take"), format!("allow more with --memory; {less}"));
             return Error::Memory { what, bytes: held + bytes, allowed, remedy };
         }
-        FastError::TooLarge { .. } => format!("{less}; --backend cpu has no such bound"),
-        FastError::NoGpu | FastError::TooFewBindings { .. } | FastError::Device(_) => {
+        DeviceError::TooLarge { .. } => format!("{less}; --backend cpu has no such bound"),
+        DeviceError::NoGpu | DeviceError::TooFewBindings { .. } | DeviceError::Device(_) => {
             "--backend cpu does without".into()
         }
     };

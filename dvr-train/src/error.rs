@@ -11,6 +11,9 @@ pub enum Error {
     /// A scene or a file could not be used.
     #[error(transparent)]
     Scene(#[from] dvr_core::Error),
+    /// The grid method failed.
+    #[error(transparent)]
+    Grid(dvr_grid::Error),
     /// A configuration value is unknown or out of range.
     #[error("configuration: {0}")]
     Config(String),
@@ -49,6 +52,20 @@ pub enum Error {
     /// No mesh could be extracted.
     #[error("{0}")]
     NoMesh(String),
+}
+
+impl From<dvr_grid::Error> for Error {
+    fn from(error: dvr_grid::Error) -> Self {
+        match error {
+            dvr_grid::Error::Scene(error) => Self::Scene(error),
+            dvr_grid::Error::Diverged { step, value } => Self::Diverged { step, value },
+            #[cfg(feature = "gpu")]
+            dvr_grid::Error::Device(problem) => {
+                crate::device::refused(problem, "--downscale and a lower --capacity take less")
+            }
+            other => Self::Grid(other),
+        }
+    }
 }
 
 /// Bytes for people; of few megabytes, hundredths tell what is allowed from what is not.

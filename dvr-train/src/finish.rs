@@ -18,8 +18,8 @@ use crate::model::Model;
 use crate::preview::preview_sheet;
 use crate::resources::Resources;
 use crate::run::{Observer, RunFolder, Trained};
-use crate::trainer::ViewSplit;
-use crate::validate::{Agreement, agreement};
+use dvr_core::ViewSplit;
+use dvr_render::{ViewMetrics, view_metrics};
 
 /// The figures of a finished run: `metrics.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -43,9 +43,9 @@ pub struct RunMetrics {
     /// The shape against the truth, where the scene has it.
     pub shape: ShapeEvaluation,
     /// Renders of the field against held-out views, on an even subset of their pixels.
-    pub held_out: Option<Agreement>,
+    pub held_out: Option<ViewMetrics>,
     /// Renders of the coloured mesh, unlit, against the same pixels: what the user takes home.
-    pub held_out_mesh: Option<Agreement>,
+    pub held_out_mesh: Option<ViewMetrics>,
     /// What the process has cost until here, reading and mesh included.
     pub resources: Resources,
     /// What the user should know.
@@ -116,7 +116,7 @@ pub fn finish(
         }
         Err(other) => return Err(other),
     };
-    if let Method::Lattice(_) = method {
+    if let Method::Grid(_) = method {
         checkpoint.clone().final_model().save(&folder.scene_file())?;
     }
     lap("mesh");
@@ -132,8 +132,8 @@ pub fn finish(
     lap("preview");
     observer.progress(2, "preview");
 
-    let held_out = agreement(shader.as_ref(), &judges, HELD_OUT_PIXELS);
-    let held_out_mesh = mesh_shader.as_ref().and_then(|shader| agreement(shader, &judges, HELD_OUT_PIXELS));
+    let held_out = view_metrics(shader.as_ref(), &judges, HELD_OUT_PIXELS);
+    let held_out_mesh = mesh_shader.as_ref().and_then(|shader| view_metrics(shader, &judges, HELD_OUT_PIXELS));
     lap("held-out views");
     observer.progress(3, "held-out views");
     let empty = Mesh::default();

@@ -14,12 +14,13 @@ use dvr_model::{
 
 use crate::adam::adam;
 use crate::checkpoint::{CHECKPOINT_VERSION, Checkpoint, CheckpointHeader, LearnerState};
-use crate::config::{Supervision, TrainConfig};
+use crate::config::TrainConfig;
 use crate::error::{Error, Result};
 use crate::learner::module_state;
 use crate::method::Method;
 use crate::objects::ObjectsConfig;
 use crate::original_config::OriginalConfig;
+use dvr_core::Supervision;
 
 /// What an import is told besides the file.
 #[derive(Clone, Debug, Default)]

@@ -4,13 +4,14 @@ use burn::module::Module;
 use burn::optim::ModuleOptimizer;
 use burn::store::{ModuleRecord, RecordError};
 use burn::tensor::Bytes;
+use dvr_grid::GridTrainer;
 use dvr_model::Decoder;
 use dvr_render::{FieldShader, MarchSettings, RenderSettings};
 
 use crate::checkpoint::LearnerState;
 use crate::error::{Error, Result};
 use crate::trainer::{StepReport, Trainer};
-use crate::validate::{Agreement, agreement};
+use dvr_render::{ViewMetrics, view_metrics};
 
 /// A field in training, as a run sees it.
 pub trait Learner {
@@ -26,8 +27,8 @@ pub trait Learner {
     /// Steps after which training is done. May fall while training goes on, where nothing more is gained.
     fn total_steps(&self) -> usize;
 
-    /// Agreement with held-out views on about so many of their pixels; `None` where none are held out.
-    fn validate(&self, pixels: usize) -> Option<Agreement>;
+    /// ViewMetrics with held-out views on about so many of their pixels; `None` where none are held out.
+    fn validate(&self, pixels: usize) -> Option<ViewMetrics>;
 
     /// What a checkpoint keeps.
     ///
@@ -60,11 +61,11 @@ impl Learner for Trainer<'_, Decoder> {
         self.config().steps
     }
 
-    fn validate(&self, pixels: usize) -> Option<Agreement> {
+    fn validate(&self, pixels: usize) -> Option<ViewMetrics> {
         let march = MarchSettings { steps: 64, ..MarchSettings::default() };
         let settings = RenderSettings { march, ..RenderSettings::default() };
         let field = self.frozen();
-        agreement(&FieldShader::new(&field, settings, self.bound()), &self.views().held_out, pixels)
+        view_metrics(&FieldShader::new(&field, settings, self.bound()), &self.views().held_out, pixels)
     }
 
     fn state(&self) -> Result<LearnerState> {
@@ -77,6 +78,39 @@ impl Learner for Trainer<'_, Decoder> {
         let optimizer = restore_optimizer(&state.training, self.parts().1.clone())?;
         self.restore(field, optimizer, steps);
         Ok(())
+    }
+}
+
+impl Learner for GridTrainer<'_> {
+    fn step(&mut self) -> Result<StepReport> {
+        let dvr_grid::StepReport { step, loss, terms, mask_iou, learning_rate } = self.step()?;
+        Ok(StepReport { step, loss, terms, mask_iou, learning_rate, samples: 0 })
+    }
+
+    fn steps_done(&self) -> usize {
+        self.steps_done()
+    }
+
+    fn total_steps(&self) -> usize {
+        self.total_steps()
+    }
+
+    fn validate(&self, pixels: usize) -> Option<ViewMetrics> {
+        self.validate(pixels)
+    }
+
+    fn state(&self) -> Result<LearnerState> {
+        let dvr_grid::TrainerState { model, training } = self.state()?;
+        Ok(LearnerState { model, training })
+    }
+
+    fn resume(&mut self, state: &LearnerState, steps: usize) -> Result<()> {
+        let LearnerState { model, training } = state.clone();
+        Ok(self.resume(&dvr_grid::TrainerState { model, training }, steps)?)
+    }
+
+    fn notes(&mut self) -> Vec<String> {
+        self.notes()
     }
 }
 

@@ -2,17 +2,18 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::config::{Supervision, TrainConfig};
+use crate::config::TrainConfig;
 use crate::error::{Error, Result};
-use crate::fast::FastConfig;
 use crate::objects::ObjectsConfig;
+use dvr_core::Supervision;
+use dvr_grid::GridConfig;
 
 /// A method and everything that determines its run, besides the scene and the backend.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Method {
-    /// A field on lattices, trained in seconds.
-    Lattice(FastConfig),
+    /// A field on grids, trained in seconds.
+    Grid(GridConfig),
     /// The publication's network.
     Network(TrainConfig),
     /// One network for many objects, each given by a picture.
@@ -23,7 +24,7 @@ impl Method {
     /// Which measurements teach the shape.
     pub fn supervision(&self) -> Supervision {
         match self {
-            Self::Lattice(config) => config.supervision,
+            Self::Grid(config) => config.supervision,
             Self::Network(config) => config.supervision,
             Self::Objects(config) => config.train.supervision,
         }
@@ -32,7 +33,7 @@ impl Method {
     /// Seed of all random choices.
     pub fn seed(&self) -> u64 {
         match self {
-            Self::Lattice(config) => config.seed,
+            Self::Grid(config) => config.seed,
             Self::Network(config) => config.seed,
             Self::Objects(config) => config.train.seed,
         }
@@ -41,7 +42,7 @@ impl Method {
     /// One view in so many is held out, where the dataset does not say.
     pub fn hold_out_every(&self) -> usize {
         match self {
-            Self::Lattice(config) => config.hold_out_every,
+            Self::Grid(config) => config.hold_out_every,
             Self::Network(config) => config.hold_out_every,
             Self::Objects(config) => config.train.hold_out_every,
         }
@@ -50,7 +51,7 @@ impl Method {
     /// Rounds in which cameras are refined before training.
     pub fn refine_cameras(&self) -> usize {
         match self {
-            Self::Lattice(config) => config.refine_cameras,
+            Self::Grid(config) => config.refine_cameras,
             Self::Network(config) => config.refine_cameras,
             Self::Objects(_) => 0,
         }
@@ -59,7 +60,7 @@ impl Method {
     /// Weight of the loss against depth maps.
     pub fn depth_weight(&self) -> f64 {
         match self {
-            Self::Lattice(config) => config.losses.depth,
+            Self::Grid(config) => config.losses.depth,
             Self::Network(config) => config.losses.depth,
             Self::Objects(config) => config.train.losses.depth,
         }
@@ -69,7 +70,7 @@ impl Method {
     #[must_use]
     pub fn with(mut self, seed: Option<u64>, steps: Option<usize>) -> Self {
         let (own_seed, own_steps) = match &mut self {
-            Self::Lattice(config) => (&mut config.seed, &mut config.steps),
+            Self::Grid(config) => (&mut config.seed, &mut config.steps),
             Self::Network(config) => (&mut config.seed, &mut config.steps),
             Self::Objects(config) => (&mut config.train.seed, &mut config.train.steps),
         };
@@ -84,7 +85,7 @@ impl Method {
     /// Names the first key that does not exist, or the value that has the wrong type or is out of range.
     pub fn overridden(&self, overrides: &serde_json::Value) -> Result<Self> {
         let method = match self {
-            Self::Lattice(config) => Self::Lattice(overridden(config, overrides)?),
+            Self::Grid(config) => Self::Grid(overridden(config, overrides)?),
             Self::Network(config) => Self::Network(overridden(config, overrides)?),
             Self::Objects(config) => Self::Objects(overridden(config, overrides)?),
         };
@@ -98,7 +99,7 @@ impl Method {
     /// Names the key, the value and the range.
     pub fn check(&self) -> Result<()> {
         match self {
-            Self::Lattice(config) => config.check(),
+            Self::Grid(config) => config.check().map_err(Error::from),
             Self::Network(config) => config.check(),
             Self::Objects(config) => return config.check(),
         }?;
@@ -114,7 +115,7 @@ impl Method {
     /// The configuration as JSON, for people and for `--config`.
     pub fn to_json(&self) -> Result<String> {
         match self {
-            Self::Lattice(config) => serde_json::to_string_pretty(config),
+            Self::Grid(config) => serde_json::to_string_pretty(config),
             Self::Network(config) => serde_json::to_string_pretty(config),
             Self::Objects(config) => serde_json::to_string_pretty(config),
         }

@@ -4,15 +4,15 @@ use std::path::Path;
 
 use crate::error::{Error, Result};
 use crate::trainer::StepReport;
-use crate::validate::Agreement;
+use dvr_render::ViewMetrics;
 
 /// The loss terms that have a column, in order.
 const TERMS: [&str; 14] = [
     "color",
-    "cross_view",
+    "photo_consistency",
     "structure",
     "mask",
-    "roughness",
+    "smoothness",
     "texture",
     "image_gradient",
     "depth",
@@ -72,7 +72,7 @@ impl MetricsLog {
         &mut self,
         report: &StepReport,
         [seconds, cpu_seconds]: [f64; 2],
-        validation: Option<&Agreement>,
+        validation: Option<&ViewMetrics>,
         chamfer_l1: Option<f64>,
     ) {
         let term = |name: &str| {

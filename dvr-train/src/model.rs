@@ -4,8 +4,9 @@ use burn::module::Module;
 use burn::tensor::Device;
 use dvr_core::UnitCube;
 #[cfg(feature = "gpu")]
-use dvr_model::DeviceLattice;
-use dvr_model::{Conditioned, Decoder, EncoderConfig, LatticeField, lattice_file};
+use dvr_grid::GpuGridField;
+use dvr_grid::{GridField, grid_file};
+use dvr_model::{Conditioned, Decoder, EncoderConfig};
 use dvr_render::extract::{FieldSurface, ScalarField};
 use dvr_render::{FieldShader, MarchSettings, RenderSettings, Shader, SkipGrid};
 use glam::Vec3;
@@ -28,11 +29,11 @@ pub enum Model {
         /// Where its surface may be.
         skip: SkipGrid,
     },
-    /// A field on lattices.
-    Lattice(Box<LatticeField>),
+    /// A field on grids.
+    Grid(Box<GridField>),
     /// The same on a graphics processor.
     #[cfg(feature = "gpu")]
-    DeviceLattice(Box<DeviceLattice>),
+    GpuGrid(Box<GpuGridField>),
 }
 
 impl Model {
@@ -56,10 +57,10 @@ impl Model {
                         .into()
                 }
             })),
-            Method::Lattice(_) => {
-                let field = lattice_file::from_bytes(&checkpoint.state.model);
+            Method::Grid(_) => {
+                let field = grid_file::from_bytes(&checkpoint.state.model);
                 let field = field.map_err(|e| Error::Config(format!("the checkpoint's field cannot be read: {e}")))?;
-                Self::of_lattice(field, device)
+                Self::of_grid(field, device)
             }
         }
     }
@@ -89,16 +90,16 @@ impl Model {
         Self::Network { surface, skip }
     }
 
-    /// A field on lattices; on a graphics processor it is looked at there.
-    fn of_lattice(field: LatticeField, device: &Device) -> Result<Self> {
+    /// A field on grids; on a graphics processor it is looked at there.
+    fn of_grid(field: GridField, device: &Device) -> Result<Self> {
         #[cfg(feature = "gpu")]
         if dvr_render::is_gpu(device) {
             let refused =
                 |problem| crate::device::refused(problem, "a field trained with a lower --capacity takes less");
-            return Ok(Self::DeviceLattice(Box::new(DeviceLattice::new(field, device).map_err(refused)?)));
+            return Ok(Self::GpuGrid(Box::new(GpuGridField::new(field, device).map_err(refused)?)));
         }
         let _ = device;
-        Ok(Self::Lattice(Box::new(field)))
+        Ok(Self::Grid(Box::new(field)))
     }
 
     /// What rays see of it; a network is asked at `samples` points across the cube.
@@ -109,9 +110,9 @@ impl Model {
                 let settings = RenderSettings { march, ..RenderSettings::default() };
                 Box::new(FieldShader::new(surface.field(), settings, Some(skip)))
             }
-            Self::Lattice(field) => Box::new(field.as_ref()),
+            Self::Grid(field) => Box::new(field.as_ref()),
             #[cfg(feature = "gpu")]
-            Self::DeviceLattice(field) => Box::new(field.as_ref()),
+            Self::GpuGrid(field) => Box::new(field.as_ref()),
         }
     }
 
@@ -122,9 +123,9 @@ impl Model {
                 let march = MarchSettings { steps: 64, ..MarchSettings::default() };
                 Box::new(FieldShader::new(surface.field(), RenderSettings { march, ..RenderSettings::default() }, None))
             }
-            Self::Lattice(field) => Box::new(field.as_ref()),
+            Self::Grid(field) => Box::new(field.as_ref()),
             #[cfg(feature = "gpu")]
-            Self::DeviceLattice(field) => Box::new(field.as_ref()),
+            Self::GpuGrid(field) => Box::new(field.as_ref()),
         }
     }
 
@@ -132,18 +133,18 @@ impl Model {
     pub fn parameters(&self) -> usize {
         match self {
             Self::Network { surface, .. } => surface.field().decoder().num_params(),
-            Self::Lattice(field) => lattice_file::stored_values(field),
+            Self::Grid(field) => grid_file::stored_values(field),
             #[cfg(feature = "gpu")]
-            Self::DeviceLattice(field) => lattice_file::stored_values(field.field()),
+            Self::GpuGrid(field) => grid_file::stored_values(field.field()),
         }
     }
 
     fn field(&self) -> &dyn ScalarField {
         match self {
             Self::Network { surface, .. } => surface.as_ref(),
-            Self::Lattice(field) => field.as_ref(),
+            Self::Grid(field) => field.as_ref(),
             #[cfg(feature = "gpu")]
-            Self::DeviceLattice(field) => field.as_ref(),
+            Self::GpuGrid(field) => field.as_ref(),
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use burn::tensor::{Device, Int, Tensor, TensorData};
 use dvr_render::extract::FieldSurface;
-use dvr_render::{DistinctRows, Fate, Field, Hits, March, MarchSettings, Query, Rays, Surface, axis_direction};
+use dvr_render::{DistinctRows, Field, Hits, March, MarchSettings, Query, RayStatus, Rays, Surface, axis_direction};
 use rand::Rng;
 
 use crate::batch::PixelBatch;
@@ -100,7 +100,7 @@ pub fn step_loss(
         let depth = match (config.occupancy_point, &march) {
             (OccupancyPoint::Densest, Some(march)) => {
                 let searched = DistinctRows::new(&batch.searched, batch.len(), &device);
-                searched.spread(march.densest_depth.clone())
+                searched.spread(march.max_logit_depth.clone())
             }
             _ => anywhere,
         };
@@ -265,11 +265,11 @@ impl Roles {
         let mut hit_of_ray = vec![None; batch.len()];
         if let Some(march) = march {
             let mut hits = 0..;
-            for (fate, &ray) in march.fate.iter().zip(&batch.searched) {
-                match fate {
-                    Fate::Misses => {}
-                    Fate::Hits => hit_of_ray[ray as usize] = hits.next(),
-                    Fate::StartsInside => starts_inside[ray as usize] = true,
+            for (status, &ray) in march.status.iter().zip(&batch.searched) {
+                match status {
+                    RayStatus::Misses => {}
+                    RayStatus::Hits => hit_of_ray[ray as usize] = hits.next(),
+                    RayStatus::StartsInside => starts_inside[ray as usize] = true,
                 }
             }
         }

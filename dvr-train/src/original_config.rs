@@ -7,10 +7,11 @@ use dvr_core::dataset::ReadOptions;
 use dvr_model::{DecoderConfig, EncoderConfig};
 use serde_json::Value;
 
-use crate::config::{LossWeights, Supervision, TrainConfig};
+use crate::config::{LossWeights, TrainConfig};
 use crate::error::{Error, Result};
 use crate::method::Method;
 use crate::objects::ObjectsConfig;
+use dvr_core::Supervision;
 
 /// What a configuration of the original says that has a meaning here.
 #[derive(Clone, Debug, PartialEq)]

@@ -12,20 +12,21 @@ use dvr_model::Decoder;
 use dvr_render::memory_excess;
 
 use crate::cameras::RefinedCameras;
+use crate::chamfer_curve::ChamferCurve;
 use crate::checkpoint::{Best, CHECKPOINT_VERSION, Checkpoint, CheckpointHeader};
 use crate::config::TrainConfig;
 use crate::error::{Error, Result};
-use crate::fast::FastTrainer;
 use crate::learner::Learner;
+use crate::memory_estimate::too_much_memory;
 use crate::method::Method;
 use crate::metrics_log::MetricsLog;
 use crate::resources::Resources;
-use crate::shape_course::ShapeCourse;
 use crate::sparse::SparseTargets;
-use crate::step_memory::too_much_memory;
-use crate::trainer::{READ_EVERY, Trainer, ViewSplit};
-use crate::validate::Agreement;
+use crate::trainer::{READ_EVERY, Trainer};
 use crate::warm_start::{carve_hull, hull_bound, warm_start};
+use dvr_core::ViewSplit;
+use dvr_grid::GridTrainer;
+use dvr_render::ViewMetrics;
 
 /// Where the parts of a run lie.
 #[derive(Clone, Debug)]
@@ -54,7 +55,7 @@ impl RunFolder {
         self.root.join("best.ckpt")
     }
 
-    /// The field alone, compact: for lattice fields.
+    /// The field alone, compact: for grid fields.
     pub fn scene_file(&self) -> PathBuf {
         self.root.join("scene.dvr")
     }
@@ -212,7 +213,7 @@ pub struct Trained {
     /// `seconds`.
     pub measuring_seconds: [f64; 2],
     /// The last validation.
-    pub validation: Option<Agreement>,
+    pub validation: Option<ViewMetrics>,
 }
 
 /// Steps between rows of `metrics.csv`.
@@ -255,12 +256,12 @@ pub fn train(
         notes: Vec::new(),
     };
     match &method {
-        Method::Lattice(config) => {
+        Method::Grid(config) => {
             if !options.helpers.is_empty() {
-                return Err(Error::Config("fields on lattices train on one device: only networks share steps".into()));
+                return Err(Error::Config("fields on grids train on one device: only networks share steps".into()));
             }
             observer.phase("measuring the masks", 1);
-            let mut learner = FastTrainer::new(views, config.clone())?.on(&options.device)?;
+            let mut learner = GridTrainer::new(views, config.clone())?.on(&options.device)?;
             let pace = Pace { validate_every: 100, checkpoint_every: 500, best: None };
             carry_out(&mut learner, pace, start, &header, resume_from, options, observer)
         }
@@ -324,7 +325,7 @@ pub(crate) fn carry_out(
     observer: &mut dyn Observer,
 ) -> Result<Trained> {
     let before = resume_from.map_or(0.0, |checkpoint| checkpoint.header.seconds);
-    let mut course = options.truth.map(|truth| ShapeCourse::new(truth, options.device.clone()));
+    let mut course = options.truth.map(|truth| ChamferCurve::new(truth, options.device.clone()));
     // What comparing the shape with the truth has taken, wall and CPU: the clock stands still meanwhile.
     let measuring = Cell::new([0.0; 2]);
     let elapsed = || before + start.elapsed().as_secs_f64() - measuring.get()[0];

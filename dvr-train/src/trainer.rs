@@ -3,7 +3,7 @@
 use burn::module::Module;
 use burn::optim::ModuleOptimizer;
 use burn::tensor::{Device, Tensor};
-use dvr_core::{Ray, Scene, Split, UnitCube, View};
+use dvr_core::{Ray, UnitCube, ViewSplit};
 use dvr_render::{Field, Rays, SkipGrid, is_gpu};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -15,40 +15,6 @@ use crate::error::{Error, Result};
 use crate::objective::{StepLoss, StepNoise, sparse_depth_loss, step_loss};
 use crate::sparse::SparseTargets;
 use crate::team::{Part, Team, shares};
-
-/// The views of a scene, divided into those that teach and those that judge.
-#[derive(Clone, Debug)]
-pub struct ViewSplit<'a> {
-    /// Trained on.
-    pub train: Vec<&'a View>,
-    /// Never trained on: validation chooses the best checkpoint by them.
-    pub held_out: Vec<&'a View>,
-}
-
-impl<'a> ViewSplit<'a> {
-    /// Takes the dataset's validation split where it has one; otherwise holds out one training view in
-    /// `hold_out_every`, starting with the middle one of the first group.
-    ///
-    /// # Errors
-    /// When fewer than two views remain to train on.
-    pub fn new(scene: &'a Scene, hold_out_every: usize) -> Result<Self> {
-        let mut train: Vec<&View> = scene.views_of(Split::Train).collect();
-        let mut held_out: Vec<&View> = scene.views_of(Split::Val).collect();
-        if held_out.is_empty() && hold_out_every > 1 && train.len() > hold_out_every {
-            let is_held = |i: &usize| i % hold_out_every == hold_out_every / 2;
-            held_out = train.iter().enumerate().filter(|(i, _)| is_held(i)).map(|(_, v)| *v).collect();
-            train = train.into_iter().enumerate().filter(|(i, _)| !is_held(i)).map(|(_, v)| v).collect();
-        }
-        if train.len() < 2 {
-            return Err(dvr_core::Error::scene(
-                format!("scene {:?} has {} view(s) to train on", scene.name, train.len()),
-                "A surface needs at least two views; a handful from all sides is better.",
-            )
-            .into());
-        }
-        Ok(Self { train, held_out })
-    }
-}
 
 /// What a step did, for logging.
 #[derive(Clone, Debug)]

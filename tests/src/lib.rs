@@ -3,8 +3,6 @@
 //! `../shared` holds arrays that the PyTorch original computed, and scenes. It is not part of the project: where it is
 //! missing, tests say that they were skipped, and pass.
 
-pub mod lattice_suite;
-pub mod plain_lattice;
 mod pytorch_file;
 
 use std::path::PathBuf;

@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 use dvr_core::mesh::shapes;
 use dvr_core::{Scene, Similarity};
 use dvr_tests::rendered_scene;
-use dvr_train::{FastConfig, refine_cameras};
+use dvr_train::{GridConfig, refine_cameras};
 use glam::{DMat3, DVec3};
 
 /// A turned cuboid with a bump, from sixteen sides.
@@ -51,7 +51,7 @@ fn distance(exact: &Scene, other: &Scene) -> f64 {
 #[test]
 fn cameras_that_are_off_come_back_and_right_ones_stay() {
     let exact = scene();
-    let config = FastConfig { rays: 512, ..FastConfig::default() };
+    let config = GridConfig { rays: 512, ..GridConfig::default() };
     let refine = |scene: &mut Scene| refine_cameras(scene, &config, 5, &AtomicBool::new(false), &mut ()).unwrap();
 
     let mut wrong = disturbed(&exact);
@@ -73,7 +73,7 @@ fn cameras_that_are_off_come_back_and_right_ones_stay() {
 fn an_interruption_leaves_the_cameras_as_they_were() {
     let exact = scene();
     let mut scene = exact.clone();
-    let refined = refine_cameras(&mut scene, &FastConfig::default(), 6, &AtomicBool::new(true), &mut ()).unwrap();
+    let refined = refine_cameras(&mut scene, &GridConfig::default(), 6, &AtomicBool::new(true), &mut ()).unwrap();
     assert!(refined.is_none());
     assert!(exact.views.iter().zip(&scene.views).all(|(a, b)| a.camera == b.camera));
 }

@@ -5,7 +5,7 @@ use burn::tensor::{Device, FloatDType, Int, Tensor, TensorData};
 use dvr_core::{Ray, UnitCube};
 use dvr_model::Decoder;
 use dvr_render::{
-    Fate, Field, MarchSettings, Marcher, Query, Rays, RootMethod, SlopeRule, TensorMarcher, implicit_depth,
+    Field, MarchSettings, Marcher, Query, RayStatus, Rays, RootMethod, SlopeRule, TensorMarcher, implicit_depth,
 };
 use dvr_tests::*;
 
@@ -107,7 +107,7 @@ impl Case {
         for (ray, value) in index.into_iter().zip(numbers(hits.depth)) {
             depth[ray as usize] = Some(value);
         }
-        (depth, march.fate.iter().map(|&fate| fate == Fate::StartsInside).collect())
+        (depth, march.status.iter().map(|&status| status == RayStatus::StartsInside).collect())
     }
 
     /// First crossing by brute force: 2000 samples, then bisection, one ray at a time.

@@ -15,12 +15,11 @@ use dvr_core::{Camera, Ray, Scene, UnitCube};
 use dvr_model::{Conditioned, Decoder, DecoderConfig};
 use dvr_render::extract::FieldSurface;
 use dvr_render::{
-    Fate, Field, FieldShader, March, MarchSettings, Marcher, Query, Rays, RenderSettings, RootMethod, Shader,
+    Field, FieldShader, March, MarchSettings, Marcher, Query, RayStatus, Rays, RenderSettings, RootMethod, Shader,
     SlopeRule, Surface, TensorMarcher,
 };
 use dvr_tests::{
-    graphics_processor, lattice_suite, max_difference, numbers, relative_difference, rendered_scene, seeded, tensor1,
-    tensor3,
+    graphics_processor, max_difference, numbers, relative_difference, rendered_scene, seeded, tensor1, tensor3,
 };
 use dvr_train::{StepReport, Supervision, TrainConfig, Trainer, ViewSplit, carve_hull, hull_bound, warm_start};
 use glam::DVec3;
@@ -105,12 +104,15 @@ fn values_and_derivatives_are_those_of_the_cpu() {
 
 /// The same fates but for a grazing ray or two, and the same depths.
 fn assert_same_march(ours: &March, truth: &March, context: &str) {
-    let hits = truth.fate.iter().filter(|fate| **fate == Fate::Hits).count();
-    assert!(hits > 20 && truth.fate.contains(&Fate::StartsInside), "{context}: {hits} hits are too few to compare");
-    let apart = ours.fate.iter().zip(&truth.fate).filter(|(a, b)| a != b).count();
-    assert!(ours.fate.len() == truth.fate.len() && apart <= 1, "{context}: {apart} rays have another fate");
+    let hits = truth.status.iter().filter(|status| **status == RayStatus::Hits).count();
+    assert!(
+        hits > 20 && truth.status.contains(&RayStatus::StartsInside),
+        "{context}: {hits} hits are too few to compare"
+    );
+    let apart = ours.status.iter().zip(&truth.status).filter(|(a, b)| a != b).count();
+    assert!(ours.status.len() == truth.status.len() && apart <= 1, "{context}: {apart} rays have another status");
     let depths = |march: &March| {
-        let mut depths = vec![f64::NAN; march.fate.len()];
+        let mut depths = vec![f64::NAN; march.status.len()];
         let hits = march.hits.as_ref().expect("hits");
         let places = hits.index.clone().into_data().iter::<i64>().collect::<Vec<_>>();
         places.into_iter().zip(numbers(hits.depth.clone())).for_each(|(place, depth)| depths[place as usize] = depth);
@@ -121,9 +123,9 @@ fn assert_same_march(ours: &March, truth: &March, context: &str) {
         assert!(a.is_nan() || b.is_nan() || (a - b).abs() < 2e-5, "{context}: ray {ray} at {a}, should be {b}");
     }
     // Two samples may be as dense as each other, to rounding.
-    let densest = numbers(ours.densest_depth.clone());
-    let far = densest.iter().zip(numbers(truth.densest_depth.clone())).zip(&truth.fate);
-    let far = far.filter(|((a, b), fate)| **fate == Fate::Misses && (**a - b).abs() > 1e-4).count();
+    let densest = numbers(ours.max_logit_depth.clone());
+    let far = densest.iter().zip(numbers(truth.max_logit_depth.clone())).zip(&truth.status);
+    let far = far.filter(|((a, b), status)| **status == RayStatus::Misses && (**a - b).abs() > 1e-4).count();
     assert!(far <= 3, "{context}: {far} rays have another densest sample");
 }
 
@@ -175,12 +177,6 @@ fn rays_of_many_objects_meet_their_own_in_the_kernel() {
     let on_gpu: Conditioned = decoder.to_device(&gpu).with_codes(codes(&gpu));
     let ours = on_gpu.device_marcher(settings).expect("a kernel").march(&rays_of_three(&gpu), None);
     assert_same_march(&ours, &truth, "three objects");
-}
-
-#[test]
-fn lattices_are_interpolated_on_the_device_as_plain_tensors_do_it() {
-    let Some(gpu) = graphics_processor() else { return };
-    lattice_suite::agrees_with_plain_tensors(&gpu, 1e-4);
 }
 
 /// All gradients of a module, one after the other.

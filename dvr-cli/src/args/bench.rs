@@ -23,7 +23,7 @@ pub struct BenchArgs {
     #[arg(long, value_enum, value_delimiter = ',', default_values_t = [MethodName::Hull, MethodName::Fast], value_name = "METHOD")]
     pub methods: Vec<MethodName>,
     /// A variant of `fast` (or of METHOD, with method=METHOD) with a name and other settings, e.g.
-    /// no-cross-view:losses.cross_view=0,losses.structure=0; may be given several times
+    /// no-cross-view:losses.photo_consistency=0,losses.patch_ncc=0; may be given several times
     #[arg(long, value_parser = parse_variant, value_name = "NAME:KEY=VALUE")]
     pub variant: Vec<Variant>,
     /// What teaches the shape: rgb, depth, rgb+depth; separate with commas

@@ -59,7 +59,7 @@ pub struct TrainArgs {
     /// code
     #[arg(long, value_name = "FILE", help_heading = "Training")]
     pub config: Option<PathBuf>,
-    /// One configuration value, e.g. --set losses.roughness=1; may be given several times
+    /// One configuration value, e.g. --set losses.smoothness=1; may be given several times
     #[arg(long, value_name = "KEY=VALUE", help_heading = "Training")]
     pub set: Vec<String>,
     /// Print the configuration as JSON and stop
@@ -116,7 +116,7 @@ impl ObjectsArgs {
 /// How a scene is reconstructed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum MethodName {
-    /// A compact field on lattices: seconds
+    /// A compact field on grids: seconds
     Fast,
     /// The publication's network, started from the visual hull: minutes; for datasets, of a size for a few cores: an
     /// hour

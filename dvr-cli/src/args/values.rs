@@ -126,7 +126,7 @@ mod tests {
         assert_eq!(parse_shard("3/16"), Ok(Shard { number: 3, of: 16 }));
         assert!(["0/3", "4/3", "3", "a/b", "1/0"].into_iter().all(|shard| parse_shard(shard).is_err()));
         assert_eq!(parse_capacity("64"), Ok(CapacityArg::Cells(64)));
-        let variant = parse_variant("rough:losses.roughness=0,rays=99").unwrap();
+        let variant = parse_variant("rough:losses.smoothness=0,rays=99").unwrap();
         assert_eq!((variant.name.as_str(), variant.settings.len()), ("rough", 2));
         let variant = parse_variant(r#"few:method=classic,march=[{"from_percent":0,"samples":16}],rays=9"#).unwrap();
         assert_eq!((variant.method.as_str(), variant.settings.len()), ("classic", 2), "{variant:?}");

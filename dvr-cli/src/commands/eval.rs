@@ -9,7 +9,7 @@ use dvr_core::mesh::{Mesh, read_mesh};
 use dvr_core::{Scene, View};
 use dvr_render::{MeshShader, Shader};
 use dvr_train::{
-    Checkpoint, ColorSource, Error, FastConfig, MeshOptions, Method, Model, Observer, ShapeEvaluation, Supervision,
+    Checkpoint, ColorSource, Error, GridConfig, MeshOptions, Method, Model, Observer, ShapeEvaluation, Supervision,
     ViewEvaluation, ViewSplit, evaluate_shape, evaluate_views, judging_views, object_mesh, surface_points,
 };
 use serde::Serialize;
@@ -74,7 +74,7 @@ fn of_mesh(args: &EvalArgs, mesh: &Path) -> Result<Report> {
     let scene = read_scene(data, &args.reading.read_options())?;
     let mesh = read_mesh(mesh)?.mesh.transformed(&scene.object_to_world.inverse());
     let shape = evaluate_shape(&mesh, &scene.ground_truth, args.seed)?;
-    let hold_out_every = FastConfig::new(Supervision::default()).hold_out_every;
+    let hold_out_every = GridConfig::new(Supervision::default()).hold_out_every;
     let judges = judging_views(&scene, &ViewSplit::new(&scene, hold_out_every)?);
     let views = if args.no_views { Vec::new() } else { rendered(&MeshShader::new(&mesh), &judges)? };
     Ok(Report { scene: scene.name, shape, views })

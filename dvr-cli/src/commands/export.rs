@@ -23,11 +23,8 @@ pub fn run(args: &ExportArgs) -> Result<ExitCode> {
             let Model::Network { surface, .. } = Model::load(&checkpoint, &device)? else { bail!("not a network") };
             save_safetensors(&args.out, surface.field().decoder(), &config.model)?;
         }
-        Method::Lattice(_) => {
-            bail!(
-                "{} holds a lattice field, not a network: `dvr train --method network` makes one",
-                args.run.display()
-            );
+        Method::Grid(_) => {
+            bail!("{} holds a grid field, not a network: `dvr train --method network` makes one", args.run.display());
         }
     }
     println!("wrote {}", args.out.display());

@@ -11,8 +11,8 @@ use dvr_core::dataset::{Format, is_object_dataset, read_scene, write_transforms}
 use dvr_core::{Camera, Scene, Split, View};
 use dvr_report::SourceRun;
 use dvr_train::{
-    Agreement, Capacity, Checkpoint, FastConfig, Method, ObjectsConfig, Observer, OriginalConfig, RefinedCameras,
-    RunFolder, RunMetrics, RunOptions, Stop, Supervision, TrainConfig, Trained, ViewSplit, finish, refine_cameras,
+    Capacity, Checkpoint, GridConfig, Method, ObjectsConfig, Observer, OriginalConfig, RefinedCameras, RunFolder,
+    RunMetrics, RunOptions, Stop, Supervision, TrainConfig, Trained, ViewMetrics, ViewSplit, finish, refine_cameras,
     train,
 };
 
@@ -52,7 +52,7 @@ pub fn run(args: &TrainArgs) -> Result<ExitCode> {
 
 /// Trains, then writes mesh, preview and figures.
 fn train_scene(args: &TrainArgs, folder: &RunFolder, config: Method, resumed: Option<&Checkpoint>) -> Result<ExitCode> {
-    if matches!(config, Method::Lattice(_)) && !args.also_on.is_empty() {
+    if matches!(config, Method::Grid(_)) && !args.also_on.is_empty() {
         bail!("--also-on shares the steps of networks: --method network or classic, and datasets of many objects");
     }
     let device = args.backend.backend.training_device(&config)?;
@@ -114,11 +114,11 @@ fn refine(
     progress: &mut Progress,
 ) -> Result<Option<RefinedCameras>> {
     let config = match method {
-        Method::Lattice(config) => config.clone(),
-        other => FastConfig {
+        Method::Grid(config) => config.clone(),
+        other => GridConfig {
             seed: other.seed(),
             hold_out_every: other.hold_out_every(),
-            ..FastConfig::new(other.supervision())
+            ..GridConfig::new(other.supervision())
         },
     };
     let refined = refine_cameras(scene, &config, method.refine_cameras(), &INTERRUPTED, progress)?;
@@ -164,8 +164,8 @@ pub(super) fn interrupted(trained: &Trained, folder: &RunFolder) -> ExitCode {
 fn configuration(args: &TrainArgs, dataset: bool) -> Result<Method> {
     let supervision = args.supervision.unwrap_or_default();
     let mut config = match (dataset, args.method) {
-        (false, None | Some(MethodName::Fast)) => Method::Lattice(fast_configuration(args, supervision)),
-        (false, Some(MethodName::Hull)) => Method::Lattice(FastConfig::hull()),
+        (false, None | Some(MethodName::Fast)) => Method::Grid(fast_configuration(args, supervision)),
+        (false, Some(MethodName::Hull)) => Method::Grid(GridConfig::hull()),
         (false, Some(MethodName::Network)) => Method::Network(TrainConfig::new(supervision)),
         (false, Some(MethodName::Classic)) => Method::Network(TrainConfig::classic(supervision)),
         (true, None | Some(MethodName::Network)) => Method::Objects(ObjectsConfig::new(supervision)),
@@ -195,7 +195,7 @@ fn configuration(args: &TrainArgs, dataset: bool) -> Result<Method> {
     }
     match (&mut config, args.refine_cameras) {
         (_, None) => {}
-        (Method::Lattice(config), Some(rounds)) => config.refine_cameras = rounds,
+        (Method::Grid(config), Some(rounds)) => config.refine_cameras = rounds,
         (Method::Network(config), Some(rounds)) => config.refine_cameras = rounds,
         (Method::Objects(_), Some(_)) => bail!("--refine-cameras is for a single scene, and this is a dataset of many"),
     }
@@ -252,8 +252,8 @@ fn of_the_original(path: &Path, args: &TrainArgs, dataset: bool) -> Result<Metho
 }
 
 /// The fast method with the capacity that was asked for.
-fn fast_configuration(args: &TrainArgs, supervision: Supervision) -> FastConfig {
-    let mut config = FastConfig::new(supervision);
+fn fast_configuration(args: &TrainArgs, supervision: Supervision) -> GridConfig {
+    let mut config = GridConfig::new(supervision);
     if let Some(CapacityArg::Cells(cells)) = args.capacity {
         config.capacity = Capacity::Cells(cells);
         config.first_cells = config.first_cells.min(cells);
@@ -329,8 +329,8 @@ pub(super) fn interrupt_on_ctrl_c() -> Result<()> {
 fn report(metrics: &RunMetrics, folder: &RunFolder, seconds: f64, cpu_seconds: f64) {
     print_notes(&metrics.warnings);
     println!("trained {} steps in {seconds:.1} s ({cpu_seconds:.1} CPU s), seed {}", metrics.steps, metrics.seed);
-    for (what, agreement) in [("field", &metrics.held_out), ("mesh", &metrics.held_out_mesh)] {
-        if let Some(Agreement { psnr, mask_iou, pixels }) = agreement {
+    for (what, view_metrics) in [("field", &metrics.held_out), ("mesh", &metrics.held_out_mesh)] {
+        if let Some(ViewMetrics { psnr, mask_iou, pixels }) = view_metrics {
             println!("held-out views, {what:<5}: PSNR {psnr:.2} dB, silhouette IoU {mask_iou:.3} ({pixels} pixels)");
         }
     }

@@ -12,7 +12,7 @@ use super::bracket::Bracket;
 use super::network::{RAY_COLUMNS, Tile, evaluate};
 use super::plan::{DecoderShape, Search};
 
-/// Columns of what is found: fate, depth of the crossing, depth of the densest sample.
+/// Columns of what is found: status, depth of the crossing, depth of the densest sample.
 pub(super) const FOUND_COLUMNS: usize = 3;
 
 /// Fates of rays as numbers.
@@ -53,7 +53,7 @@ pub(super) fn march_decoder(
     let mut narrowing = false;
     let mut last = 0.0f32;
     let mut densest = f32::new(NOTHING);
-    let mut densest_depth = 0.0f32;
+    let mut max_logit_depth = 0.0f32;
     let bracket = Bracket::new();
 
     let mut going = 1u32;
@@ -96,7 +96,7 @@ pub(super) fn march_decoder(
             if slot < slots && ray < end {
                 let at = ray as usize * RAY_COLUMNS;
                 let logit = tile.logits[slot];
-                let mut fate = f32::new(-1.0);
+                let mut status = f32::new(-1.0);
                 let mut depth = 0.0f32;
                 if narrowing {
                     bracket.narrow(logit, comptime!(search.root));
@@ -105,12 +105,12 @@ pub(super) fn march_decoder(
                     depth = depth_of(rays, at, sample, steps, search);
                     if logit > densest {
                         densest = logit;
-                        densest_depth = depth;
+                        max_logit_depth = depth;
                     }
                     // A logit of exactly 0 is on the surface, hence inside; NaN is outside.
                     if logit >= 0.0f32 {
                         if sample == 0u32 {
-                            fate = f32::new(STARTS_INSIDE);
+                            status = f32::new(STARTS_INSIDE);
                         } else {
                             let before = depth_of(rays, at, sample - 1u32, steps, search);
                             bracket.begin(before, last, depth, logit, comptime!(search.root));
@@ -120,16 +120,16 @@ pub(super) fn march_decoder(
                         last = logit;
                         sample += 1u32;
                         if sample == steps {
-                            fate = f32::new(MISSES);
+                            status = f32::new(MISSES);
                         }
                     }
                 }
                 if narrowing && taken == comptime!(search.root_steps) {
-                    fate = f32::new(HITS);
+                    status = f32::new(HITS);
                     depth = bracket.best(comptime!(search.root));
                 }
-                if fate >= 0.0f32 {
-                    tell(found, ray, fate, depth, densest_depth);
+                if status >= 0.0f32 {
+                    tell(found, ray, status, depth, max_logit_depth);
                     ray += slots as u32;
                     sample = 0u32;
                     taken = 0u32;
@@ -154,9 +154,9 @@ fn depth_of(rays: &[f32], at: usize, sample: u32, steps: u32, #[comptime] search
 
 /// Writes down what became of a ray.
 #[cube]
-fn tell(found: &mut [f32], ray: u32, fate: f32, depth: f32, densest_depth: f32) {
+fn tell(found: &mut [f32], ray: u32, status: f32, depth: f32, max_logit_depth: f32) {
     let at = ray as usize * FOUND_COLUMNS;
-    found[at] = fate;
+    found[at] = status;
     found[at + 1] = depth;
-    found[at + 2] = densest_depth;
+    found[at + 2] = max_logit_depth;
 }

@@ -55,7 +55,7 @@ pub struct RaySearch {
     pub root_steps: usize,
 }
 
-/// Marches rays through a decoder: `[n, 3]`, for each ray its fate (0 misses, 1 hits, 2 starts inside), the depth at
+/// Marches rays through a decoder: `[n, 3]`, for each ray its status (0 misses, 1 hits, 2 starts inside), the depth at
 /// which it hits, and the depth of the sample with the largest logit among those that were looked at.
 ///
 /// `None` where the device cannot run the kernel: it is no graphics processor, has too little memory for a group, or

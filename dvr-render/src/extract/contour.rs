@@ -51,24 +51,24 @@ fn marching_cubes<F: ScalarField + ?Sized>(
     settings: &ExtractSettings,
     evaluations: &mut Evaluations,
 ) -> Result<Contoured> {
-    let lattice = grid.lattice;
+    let geometry = grid.geometry;
     let (mut crossings, mut faces) = triangulate(&grid);
     drop(grid);
-    let positions = |crossings: &[Crossing]| crossings.iter().map(|c| c.position(&lattice)).collect::<Vec<_>>();
+    let positions = |crossings: &[Crossing]| crossings.iter().map(|c| c.position(&geometry)).collect::<Vec<_>>();
     // Small pieces go before anything is spent on them.
     let (components, dropped_components) =
         retain_large(&positions(&crossings), &mut faces, settings.min_component_share);
     let kept = compact(&mut faces, crossings.len());
     crossings = select(&crossings, &kept);
-    let cut = crossings.iter().filter(|crossing| crossing.is_on_border(&lattice)).count();
+    let cut = crossings.iter().filter(|crossing| crossing.is_on_border(&geometry)).count();
 
-    refine_crossings(sampler, &lattice, &mut crossings, settings.refinement_steps)?;
+    refine_crossings(sampler, &geometry, &mut crossings, settings.refinement_steps)?;
     evaluations.refinement = std::mem::take(&mut sampler.evaluations);
 
     let vertices = positions(&crossings);
     let mut normals = face_normals(&vertices, &faces);
     if settings.normals == NormalSource::Field {
-        let step = (VERTEX_STEP * lattice.cell_size()) as f32;
+        let step = (VERTEX_STEP * geometry.cell_size()) as f32;
         normals = field_normals(sampler, &vertices, step, &normals)?;
         evaluations.normals = std::mem::take(&mut sampler.evaluations);
     }
@@ -81,23 +81,23 @@ fn dual_contouring<F: ScalarField + ?Sized>(
     settings: &ExtractSettings,
     evaluations: &mut Evaluations,
 ) -> Result<Contoured> {
-    let lattice = grid.lattice;
+    let geometry = grid.geometry;
     let mut dual = DualMesh::of(&grid);
     drop(grid);
-    refine_crossings(sampler, &lattice, &mut dual.crossings, settings.refinement_steps)?;
+    refine_crossings(sampler, &geometry, &mut dual.crossings, settings.refinement_steps)?;
     evaluations.refinement = std::mem::take(&mut sampler.evaluations);
 
     // On the border of the cube the surface is the cube's own.
     let mut normals: Vec<Vec3> = dual.crossings.iter().map(Crossing::outward).collect();
     let within: Vec<u32> =
-        (0..).zip(&dual.crossings).filter(|(_, c)| !c.is_on_border(&lattice)).map(|(index, _)| index).collect();
-    let points: Vec<Vec3> = within.iter().map(|&index| dual.crossings[index as usize].position(&lattice)).collect();
-    let step = (CROSSING_STEP * lattice.cell_size()) as f32;
+        (0..).zip(&dual.crossings).filter(|(_, c)| !c.is_on_border(&geometry)).map(|(index, _)| index).collect();
+    let points: Vec<Vec3> = within.iter().map(|&index| dual.crossings[index as usize].position(&geometry)).collect();
+    let step = (CROSSING_STEP * geometry.cell_size()) as f32;
     let of_field = field_normals(sampler, &points, step, &select(&normals, &within))?;
     within.iter().zip(of_field).for_each(|(&index, normal)| normals[index as usize] = normal);
     evaluations.normals = std::mem::take(&mut sampler.evaluations);
 
-    let mut vertices = dual.vertices(&lattice, &normals);
+    let mut vertices = dual.vertices(&geometry, &normals);
     let mut normals = dual.vertex_normals(&normals);
     let mut faces = dual.triangles(&vertices, &normals);
     let (components, dropped_components) = retain_large(&vertices, &mut faces, settings.min_component_share);
@@ -111,6 +111,6 @@ fn dual_contouring<F: ScalarField + ?Sized>(
             means.map(|(mean, of_faces)| if mean == Vec3::ZERO { of_faces } else { mean }).collect()
         }
     };
-    let cut = kept.iter().filter(|&&vertex| dual.is_on_border(&lattice, vertex)).count();
+    let cut = kept.iter().filter(|&&vertex| dual.is_on_border(&geometry, vertex)).count();
     Ok(Contoured { vertices, faces, normals, components, dropped_components, cut })
 }

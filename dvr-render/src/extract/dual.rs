@@ -9,7 +9,7 @@
 use glam::{DVec3, UVec3, Vec3};
 use rayon::prelude::*;
 
-use super::grid::{Lattice, SparseGrid};
+use super::grid::{GridGeometry, SparseGrid};
 use super::marching_cubes::{case, edge_axis, edge_start};
 use super::qef::QuadraticError;
 use super::surface::{CrossedEdges, Crossing};
@@ -71,7 +71,7 @@ impl DualMesh {
     }
 
     /// Places each vertex in its cell where the planes through its patch's crossings meet, given their unit normals.
-    pub fn vertices(&self, lattice: &Lattice, normals: &[Vec3]) -> Vec<Vec3> {
+    pub fn vertices(&self, geometry: &GridGeometry, normals: &[Vec3]) -> Vec<Vec3> {
         let place = |(vertex, patch): (usize, &Patch)| {
             let cell = patch.cell.as_dvec3();
             let mut error = QuadraticError::new();
@@ -80,7 +80,7 @@ impl DualMesh {
             }
             // Patches that share a cell are finer than the grid can follow; their mass points are sure to lie apart.
             let minimiser = || error.minimiser_within(DVec3::splat(MARGIN), DVec3::splat(1.0 - MARGIN));
-            lattice.at(cell + if patch.alone { minimiser() } else { error.mass_point() })
+            geometry.at(cell + if patch.alone { minimiser() } else { error.mass_point() })
         };
         self.patches.par_iter().enumerate().with_min_len(256).map(place).collect()
     }
@@ -107,8 +107,8 @@ impl DualMesh {
     }
 
     /// Whether a vertex closes the surface at the border of the cube.
-    pub fn is_on_border(&self, lattice: &Lattice, vertex: u32) -> bool {
-        lattice.is_virtual_cell(self.patches[vertex as usize].cell)
+    pub fn is_on_border(&self, geometry: &GridGeometry, vertex: u32) -> bool {
+        geometry.is_virtual_cell(self.patches[vertex as usize].cell)
     }
 }
 

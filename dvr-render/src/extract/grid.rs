@@ -17,14 +17,14 @@ const NO_BLOCK: u32 = u32::MAX;
 /// they count as outside, whatever the field says there, so that a surface cut by the cube's border is closed. Node
 /// and cell indices include that layer: real nodes are `1..=cells + 1`, virtual ones `0` and `cells + 2`.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Lattice {
+pub(super) struct GridGeometry {
     /// Real cells along an edge of the cube.
     pub cells: u32,
     /// Half the cube's edge length.
     pub half_extent: f64,
 }
 
-impl Lattice {
+impl GridGeometry {
     /// Cells along an edge, the virtual layers included. Valid cell indices are below it, node indices up to it.
     pub fn padded_cells(&self) -> u32 {
         self.cells + 2
@@ -140,11 +140,11 @@ impl Slot {
     }
 }
 
-/// Field values, relative to the level, at those nodes of a lattice that were asked for.
+/// Field values, relative to the level, at those nodes of a geometry that were asked for.
 #[derive(Clone, Debug)]
 pub(super) struct SparseGrid {
     /// Where the nodes lie.
-    pub lattice: Lattice,
+    pub geometry: GridGeometry,
     /// Number of the block at each place of the coarse grid of blocks.
     table: Vec<u32>,
     blocks_per_edge: u32,
@@ -153,9 +153,9 @@ pub(super) struct SparseGrid {
 
 impl SparseGrid {
     /// A grid of which nothing is known.
-    pub fn new(lattice: Lattice) -> Self {
-        let blocks_per_edge = (lattice.padded_cells() >> SHIFT) + 1;
-        Self { lattice, table: vec![NO_BLOCK; blocks_per_edge.pow(3) as usize], blocks_per_edge, blocks: Vec::new() }
+    pub fn new(geometry: GridGeometry) -> Self {
+        let blocks_per_edge = (geometry.padded_cells() >> SHIFT) + 1;
+        Self { geometry, table: vec![NO_BLOCK; blocks_per_edge.pow(3) as usize], blocks_per_edge, blocks: Vec::new() }
     }
 
     /// How many blocks there are.

@@ -14,7 +14,7 @@ use glam::{UVec3, Vec3};
 
 use super::error::{ExtractError, Result};
 use super::field::{Sampler, ScalarField};
-use super::grid::{Lattice, Slot, SparseGrid};
+use super::grid::{GridGeometry, Slot, SparseGrid};
 use super::marching_cubes::{FACE_CORNERS, case, corner_offset, edge_axis, edge_start};
 
 /// The finest grid, with every cell that the surface passes through.
@@ -33,7 +33,7 @@ pub(super) struct Located {
 /// No surface, or unsound answers of the field.
 pub(super) fn locate_surface<F: ScalarField + ?Sized>(
     sampler: &mut Sampler<F>,
-    coarse: Lattice,
+    coarse: GridGeometry,
     steps: usize,
     seeds: &[Vec3],
 ) -> Result<Located> {
@@ -43,12 +43,12 @@ pub(super) fn locate_surface<F: ScalarField + ?Sized>(
     if sampler.has_seen_both_sides() || !seeds.is_empty() {
         refined = descend(sampler, &root, steps, seeds)?;
     }
-    let mut lattice = coarse;
-    while !sampler.has_seen_both_sides() && lattice.cells < coarse.cells << steps {
-        lattice = lattice.refined();
-        let mut found = scan(sampler, lattice)?;
+    let mut geometry = coarse;
+    while !sampler.has_seen_both_sides() && geometry.cells < coarse.cells << steps {
+        geometry = geometry.refined();
+        let mut found = scan(sampler, geometry)?;
         if !found.is_empty() {
-            first_seen_at = Some(lattice.cells as usize);
+            first_seen_at = Some(geometry.cells as usize);
             found.extend_from_slice(seeds);
             refined = descend(sampler, &root, steps, &found)?;
         }
@@ -68,13 +68,13 @@ pub(super) fn locate_surface<F: ScalarField + ?Sized>(
 }
 
 /// A grid with all nodes evaluated, and all cells that the surface passes through marked.
-fn dense_grid<F: ScalarField + ?Sized>(sampler: &mut Sampler<F>, lattice: Lattice) -> Result<SparseGrid> {
-    let mut level = Level::new(lattice, None);
-    for node in box_indices(UVec3::ZERO, UVec3::splat(lattice.padded_cells() + 1)) {
+fn dense_grid<F: ScalarField + ?Sized>(sampler: &mut Sampler<F>, geometry: GridGeometry) -> Result<SparseGrid> {
+    let mut level = Level::new(geometry, None);
+    for node in box_indices(UVec3::ZERO, UVec3::splat(geometry.padded_cells() + 1)) {
         level.request(sampler, node)?;
     }
     level.evaluate_pending(sampler)?;
-    for cell in box_indices(UVec3::ZERO, UVec3::splat(lattice.padded_cells())) {
+    for cell in box_indices(UVec3::ZERO, UVec3::splat(geometry.padded_cells())) {
         if !matches!(level.grid.inside_corners(cell), 0 | 255) {
             level.grid.mark_active(cell);
         }
@@ -83,7 +83,7 @@ fn dense_grid<F: ScalarField + ?Sized>(sampler: &mut Sampler<F>, lattice: Lattic
 }
 
 /// The nodes of a grid, those of its parent left out, whose sign is not that of all nodes seen before.
-fn scan<F: ScalarField + ?Sized>(sampler: &mut Sampler<F>, lattice: Lattice) -> Result<Vec<Vec3>> {
+fn scan<F: ScalarField + ?Sized>(sampler: &mut Sampler<F>, geometry: GridGeometry) -> Result<Vec<Vec3>> {
     let was_inside = sampler.range.0 >= sampler.level;
     let mut found = Vec::new();
     let max_points = sampler.max_points;
@@ -95,9 +95,9 @@ fn scan<F: ScalarField + ?Sized>(sampler: &mut Sampler<F>, lattice: Lattice) -> 
         Ok(())
     };
     // Real nodes are counted from 1, so the parent's are those with odd indices only.
-    let nodes = box_indices(UVec3::ONE, UVec3::splat(lattice.cells + 2));
+    let nodes = box_indices(UVec3::ONE, UVec3::splat(geometry.cells + 2));
     for node in nodes.filter(|node| node.x & node.y & node.z & 1 == 0) {
-        batch.push(lattice.point(node, 0, 0.0));
+        batch.push(geometry.point(node, 0, 0.0));
         if batch.len() == max_points {
             flush(&mut batch)?;
         }
@@ -116,7 +116,7 @@ fn descend<F: ScalarField + ?Sized>(
     let mut parent: Option<SparseGrid> = None;
     for step in 1..=steps {
         let coarse = parent.as_ref().unwrap_or(root);
-        let mut level = Level::new(coarse.lattice.refined(), Some(coarse));
+        let mut level = Level::new(coarse.geometry.refined(), Some(coarse));
         if step == 1 {
             level.visit_children(sampler, coarse, 1)?;
         } else if step < steps {
@@ -143,8 +143,8 @@ struct Level<'a> {
 }
 
 impl<'a> Level<'a> {
-    fn new(lattice: Lattice, parent: Option<&'a SparseGrid>) -> Self {
-        Self { grid: SparseGrid::new(lattice), parent, frontier: Vec::new(), pending: Vec::new() }
+    fn new(geometry: GridGeometry, parent: Option<&'a SparseGrid>) -> Self {
+        Self { grid: SparseGrid::new(geometry), parent, frontier: Vec::new(), pending: Vec::new() }
     }
 
     /// Has a node evaluated sooner or later, once.
@@ -153,7 +153,7 @@ impl<'a> Level<'a> {
         if !self.grid.mark_requested(slot) {
             return Ok(());
         }
-        if self.grid.lattice.is_virtual(node) {
+        if self.grid.geometry.is_virtual(node) {
             self.grid.set_value(slot, f32::MIN);
             return Ok(());
         }
@@ -173,8 +173,8 @@ impl<'a> Level<'a> {
     }
 
     fn evaluate_pending<F: ScalarField + ?Sized>(&mut self, sampler: &mut Sampler<F>) -> Result<()> {
-        let lattice = self.grid.lattice;
-        let points: Vec<Vec3> = self.pending.iter().map(|&slot| lattice.point(self.grid.node(slot), 0, 0.0)).collect();
+        let geometry = self.grid.geometry;
+        let points: Vec<Vec3> = self.pending.iter().map(|&slot| geometry.point(self.grid.node(slot), 0, 0.0)).collect();
         for (slot, value) in self.pending.drain(..).zip(sampler.values(&points)?) {
             self.grid.set_value(slot, value);
         }
@@ -221,11 +221,11 @@ impl<'a> Level<'a> {
         parent: &SparseGrid,
         ring: u32,
     ) -> Result<()> {
-        let lattice = parent.lattice;
+        let geometry = parent.geometry;
         for cell in parent.active_cells() {
             let low = cell.saturating_sub(UVec3::splat(ring));
-            let high = (cell + ring + 1).min(UVec3::splat(lattice.padded_cells()));
-            for child in box_indices(lattice.refined_node(low), lattice.refined_node(high)) {
+            let high = (cell + ring + 1).min(UVec3::splat(geometry.padded_cells()));
+            for child in box_indices(geometry.refined_node(low), geometry.refined_node(high)) {
                 self.visit(sampler, child)?;
             }
         }
@@ -238,18 +238,18 @@ impl<'a> Level<'a> {
         sampler: &mut Sampler<F>,
         parent: &SparseGrid,
     ) -> Result<()> {
-        let lattice = parent.lattice;
+        let geometry = parent.geometry;
         let mut halves = Vec::new();
         for cell in parent.active_cells() {
             let crossed = case(parent.inside_corners(cell)).crossed_edges;
             for edge in (0..12).filter(|edge| crossed >> edge & 1 == 1) {
                 let (first, axis) = (cell + corner_offset(edge_start(edge)), UVec3::AXES[edge_axis(edge)]);
-                let (start, end) = (lattice.refined_node(first), lattice.refined_node(first + axis));
+                let (start, end) = (geometry.refined_node(first), geometry.refined_node(first + axis));
                 for node in [start, start + axis, end] {
                     self.request(sampler, node)?;
                 }
                 // The child of `cell` that touches the edge's first half.
-                let child = lattice.refined_node(cell).max(start.saturating_sub(UVec3::ONE));
+                let child = geometry.refined_node(cell).max(start.saturating_sub(UVec3::ONE));
                 halves.push((child, start, axis));
             }
         }
@@ -264,8 +264,8 @@ impl<'a> Level<'a> {
 
     /// Visits the cells that hold the seeds, and where the surface does not meet such a cell, its 26 neighbours.
     fn visit_seeds<F: ScalarField + ?Sized>(&mut self, sampler: &mut Sampler<F>, seeds: &[Vec3]) -> Result<()> {
-        let lattice = self.grid.lattice;
-        let cells: Vec<UVec3> = seeds.iter().map(|&seed| lattice.cell_of(seed)).collect();
+        let geometry = self.grid.geometry;
+        let cells: Vec<UVec3> = seeds.iter().map(|&seed| geometry.cell_of(seed)).collect();
         for &cell in &cells {
             self.visit(sampler, cell)?;
         }

@@ -44,7 +44,7 @@ pub use settings::{Contour, ExtractSettings, NormalSource};
 
 use contour::Contoured;
 use field::{Sampler, check};
-use grid::Lattice;
+use grid::GridGeometry;
 
 /// A mesh and how it came about.
 #[derive(Clone, Debug)]
@@ -121,12 +121,12 @@ pub fn extract_mesh<F: ScalarField + ?Sized>(
     let mut evaluations = Evaluations::default();
     let mut warnings = Vec::new();
 
-    let coarse = Lattice { cells: settings.coarse_resolution() as u32, half_extent };
+    let coarse = GridGeometry { cells: settings.coarse_resolution() as u32, half_extent };
     let located = mise::locate_surface(&mut sampler, coarse, settings.upsampling_steps, &seeds)?;
     warnings.extend(located.first_seen_at.map(|resolution| ExtractWarning::TooCoarse { resolution }));
     evaluations.grid = std::mem::take(&mut sampler.evaluations);
 
-    let resolution = located.grid.lattice.cells as usize;
+    let resolution = located.grid.geometry.cells as usize;
     let contoured = contour::contour(&mut sampler, located.grid, settings, &mut evaluations)?;
     let Contoured { vertices, faces, normals, components, dropped_components, cut } = contoured;
     if cut > 0 {

@@ -7,7 +7,7 @@ use glam::Vec3;
 
 use super::error::Result;
 use super::field::{Sampler, ScalarField};
-use super::grid::Lattice;
+use super::grid::GridGeometry;
 use super::surface::{Crossing, keep_off_nodes};
 
 /// A vertex is done when a further evaluation moves it by less than this, in units of the edge. As the evaluations are
@@ -53,14 +53,14 @@ impl Bracket {
 /// Refines crossings by at most `steps` evaluations each. Those on the cube's border stay: there is no surface there.
 pub(super) fn refine_crossings<F: ScalarField + ?Sized>(
     sampler: &mut Sampler<F>,
-    lattice: &Lattice,
+    geometry: &GridGeometry,
     crossings: &mut [Crossing],
     steps: usize,
 ) -> Result<()> {
     let mut brackets: Vec<Bracket> = crossings
         .iter()
         .enumerate()
-        .filter(|(_, crossing)| !crossing.is_on_border(lattice))
+        .filter(|(_, crossing)| !crossing.is_on_border(geometry))
         .map(|(index, crossing)| Bracket { crossing: index, t: [0.0, 1.0], values: crossing.values.map(f64::from) })
         .collect();
     for step in 0..steps {
@@ -68,7 +68,7 @@ pub(super) fn refine_crossings<F: ScalarField + ?Sized>(
             .iter()
             .map(|bracket| {
                 let crossing = &crossings[bracket.crossing];
-                lattice.point(crossing.node, crossing.axis, bracket.next(step))
+                geometry.point(crossing.node, crossing.axis, bracket.next(step))
             })
             .collect();
         let mut values = sampler.values(&points)?.into_iter().map(f64::from);

@@ -2,7 +2,7 @@
 
 use glam::{DVec3, UVec3, Vec3};
 
-use super::grid::{Bits, Lattice, Slot, SparseGrid};
+use super::grid::{Bits, GridGeometry, Slot, SparseGrid};
 use super::marching_cubes::{case, edge_axis, edge_start};
 
 /// Crossings keep this far from the ends of their edge, in units of the edge.
@@ -31,8 +31,8 @@ impl Crossing {
     }
 
     /// Where it lies.
-    pub fn position(&self, lattice: &Lattice) -> Vec3 {
-        lattice.point(self.node, self.axis, self.t)
+    pub fn position(&self, geometry: &GridGeometry) -> Vec3 {
+        geometry.point(self.node, self.axis, self.t)
     }
 
     /// The same in units of cells from the lowest corner of the virtual layer.
@@ -51,8 +51,8 @@ impl Crossing {
     }
 
     /// Whether the surface was cut here by the border of the cube.
-    pub fn is_on_border(&self, lattice: &Lattice) -> bool {
-        lattice.is_virtual(self.node) || lattice.is_virtual(self.node + UVec3::AXES[self.axis])
+    pub fn is_on_border(&self, geometry: &GridGeometry) -> bool {
+        geometry.is_virtual(self.node) || geometry.is_virtual(self.node + UVec3::AXES[self.axis])
     }
 }
 

@@ -18,7 +18,7 @@ pub(crate) use thin::{plate, ring, wedge};
 use dvr_core::mesh::Mesh;
 use glam::{Quat, Vec3};
 
-/// Turned out of the axes, so that no face lies along a lattice.
+/// Turned out of the axes, so that no face lies along a grid.
 fn tilted(mesh: Mesh) -> Mesh {
     let turn = Quat::from_euler(glam::EulerRot::XYZ, 0.5, 0.3, 0.2);
     let turned = |v: &Vec3| turn * *v;

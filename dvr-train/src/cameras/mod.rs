@@ -13,14 +13,13 @@ use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use dvr_core::{Camera, Scene, Similarity};
-use dvr_model::LatticeField;
+use dvr_grid::GridField;
 use rayon::prelude::*;
 
 use crate::error::Result;
-use crate::fast::{Capacity, DisagreeingViews, FastConfig, FastTrainer};
-use crate::learner::Learner;
 use crate::run::Observer;
-use crate::trainer::ViewSplit;
+use dvr_core::ViewSplit;
+use dvr_grid::{Capacity, DisagreeingViews, GridConfig, GridTrainer};
 use photograph::SmoothPhotograph;
 use pose::{Aligned, Marks, align};
 
@@ -97,7 +96,7 @@ impl RefinedCameras {
 /// When the scene has too few views or its masks show no object.
 pub fn refine_cameras(
     scene: &mut Scene,
-    config: &FastConfig,
+    config: &GridConfig,
     rounds: usize,
     interrupted: &AtomicBool,
     observer: &mut dyn Observer,
@@ -117,7 +116,7 @@ pub fn refine_cameras(
             restore(scene, &given);
             return Ok(None);
         };
-        let spacing = f64::from(field.shape().lattice.spacing());
+        let spacing = f64::from(field.shape().grid.spacing());
         let aligned: Vec<Aligned> = (scene.views.par_iter().zip(&given).zip(&marks))
             .map(|((view, given), marks)| {
                 let cell = spacing * magnification(&view.camera);
@@ -166,23 +165,23 @@ fn restore(scene: &mut Scene, given: &[Camera]) {
 
 /// A field that was trained shortly.
 struct Coarse {
-    field: LatticeField,
+    field: GridField,
     /// Mean loss of its last steps: how well views, masks and cameras fit together.
     loss: f64,
 }
 
 /// Trains a field of so many cells; `None` where it was interrupted.
-fn coarse(scene: &Scene, config: &FastConfig, cells: usize, interrupted: &AtomicBool) -> Result<Option<Coarse>> {
-    let config = FastConfig {
+fn coarse(scene: &Scene, config: &GridConfig, cells: usize, interrupted: &AtomicBool) -> Result<Option<Coarse>> {
+    let config = GridConfig {
         capacity: Capacity::Cells(cells),
         first_cells: config.first_cells.min(cells),
         steps: STEPS,
         disagreeing_views: DisagreeingViews::OneIn(DISAGREEING),
         // Photographs match at the right depth where cameras are right.
-        swept_pixels: 0,
+        plane_sweep_pixels: 0,
         ..config.clone()
     };
-    let mut trainer = FastTrainer::new(ViewSplit::new(scene, config.hold_out_every)?, config)?;
+    let mut trainer = GridTrainer::new(ViewSplit::new(scene, config.hold_out_every)?, config)?;
     let mut losses = Vec::new();
     while trainer.steps_done() < trainer.total_steps() {
         if interrupted.load(Ordering::Relaxed) {

@@ -11,9 +11,9 @@
 //! its place (envelope theorem), as the depth's is the one at its crossing.
 
 use dvr_core::hull::MaskDistance;
+use dvr_core::voxel::VoxelTraversal;
 use dvr_core::{Camera, View};
-use dvr_kernels::Walk;
-use dvr_model::LatticeField;
+use dvr_grid::GridField;
 use dvr_render::Shader;
 use glam::{DMat3, DVec2, DVec3, Vec3};
 use nalgebra::{SMatrix, SVector};
@@ -106,7 +106,7 @@ pub(super) fn align(
     given: &Camera,
     marks: &Marks,
     photo: &SmoothPhotograph,
-    field: &LatticeField,
+    field: &GridField,
     cell: f64,
 ) -> Aligned {
     let largest = (LARGEST_OUTLINE_DEVIATION * cell).max(0.5);
@@ -180,22 +180,22 @@ fn deviation(residuals: &[Residual]) -> f64 {
 }
 
 /// Pixels between the outline of the field and that of the mask, at pixels along it.
-fn outline_residuals(camera: &Camera, marks: &Marks, field: &LatticeField) -> Vec<Residual> {
+fn outline_residuals(camera: &Camera, marks: &Marks, field: &GridField) -> Vec<Residual> {
     let (shape, focal) = (field.shape(), camera.intrinsics.x_axis.x);
     let residual = |&(u, v, expected): &(u32, u32, f32)| {
         let ray = camera.pixel_ray(u, v);
         let (origin, direction) = (ray.origin.as_vec3(), ray.direction.as_vec3());
         let mut largest = (f32::NEG_INFINITY, 0.0);
-        for segment in Walk::new(&shape.lattice, origin, direction, 0.0, f32::INFINITY)? {
+        for segment in VoxelTraversal::new(&shape.grid, origin, direction, 0.0, f32::INFINITY)? {
             for depth in [segment.enter, 0.5 * (segment.enter + segment.leave)] {
-                let value = shape.lattice.value(&shape.values, origin + depth * direction);
+                let value = shape.grid.value(&shape.values, origin + depth * direction);
                 if value > largest.0 {
                     largest = (value, depth);
                 }
             }
         }
         let point = origin + largest.1 * direction;
-        let (value, gradient) = shape.lattice.value_and_gradient(&shape.values, point);
+        let (value, gradient) = shape.grid.value_and_gradient(&shape.values, point);
         let steepness = f64::from(gradient.length());
         if steepness < 0.1 {
             return None;
@@ -216,7 +216,7 @@ fn interior_residuals(
     now: &Aligned,
     marks: &Marks,
     photo: &SmoothPhotograph,
-    field: &LatticeField,
+    field: &GridField,
 ) -> (Vec<Residual>, Vec<DVec3>) {
     let camera = &now.camera;
     let rays: Vec<_> = marks.interior.iter().map(|&(u, v, _)| camera.pixel_ray(u, v)).collect();

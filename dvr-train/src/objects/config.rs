@@ -5,8 +5,9 @@ use std::path::PathBuf;
 use dvr_model::{DecoderConfig, EncoderConfig, ImageModelConfig};
 use serde::{Deserialize, Serialize};
 
-use crate::config::{HullUse, MarchStage, Supervision, TrainConfig};
+use crate::config::{HullUse, MarchStage, TrainConfig};
 use crate::error::{Error, Result};
+use dvr_core::Supervision;
 
 /// Everything that determines a run over many objects, besides the dataset and the backend.
 ///

@@ -14,10 +14,10 @@ use rand_chacha::ChaCha8Rng;
 use super::config::ObjectsConfig;
 use super::hulls::{CoarseHull, Hulls};
 use crate::batch::Pixels;
-use crate::config::Supervision;
 use crate::error::{Error, Result};
 use crate::objective::StepNoise;
 use crate::trainer::step_rng;
+use dvr_core::Supervision;
 
 /// The objects of one step and what they show, before it goes to a device.
 #[derive(Clone, Debug)]
@@ -27,12 +27,12 @@ pub(crate) struct ObjectsBatch {
     /// What the encoder sees of each object; empty where it sees nothing.
     pub inputs: Vec<RgbImage>,
     /// What teaches.
-    pub lesson: Lesson,
+    pub ray_gradient: RayGradient,
 }
 
 /// What teaches in a step. `owner` is the place of the object in the batch.
 #[derive(Clone, Debug)]
-pub(crate) enum Lesson {
+pub(crate) enum RayGradient {
     /// Pixels of posed views.
     Pixels { pixels: Pixels, owner: Vec<i64>, noise: StepNoise },
     /// Points, and whether they are inside.
@@ -46,12 +46,12 @@ impl ObjectsBatch {
         Self {
             rows: self.rows.drain(..count).collect(),
             inputs: self.inputs.drain(..pictures).collect(),
-            lesson: self.lesson.take_first(count as i64),
+            ray_gradient: self.ray_gradient.take_first(count as i64),
         }
     }
 }
 
-impl Lesson {
+impl RayGradient {
     /// How many pixels or points there are.
     pub fn len(&self) -> usize {
         match self {
@@ -95,7 +95,7 @@ pub(crate) struct BatchDrawer {
 struct Drawn {
     row: usize,
     input: Option<RgbImage>,
-    lesson: DrawnLesson,
+    ray_gradient: DrawnLesson,
 }
 
 enum DrawnLesson {
@@ -151,7 +151,7 @@ impl BatchDrawer {
         let (mut points, mut inside) = (Vec::new(), Vec::new());
         for (place, object) in drawn.into_iter().enumerate() {
             inputs.extend(object.input);
-            match object.lesson {
+            match object.ray_gradient {
                 DrawnLesson::Views(views, hull) => {
                     let views: Vec<&View> = views.iter().collect();
                     let first = pixels.len();
@@ -169,13 +169,13 @@ impl BatchDrawer {
                 }
             }
         }
-        let lesson = if self.config.train.supervision == Supervision::Occupancy {
-            Lesson::Points { points, inside, owner }
+        let ray_gradient = if self.config.train.supervision == Supervision::Occupancy {
+            RayGradient::Points { points, inside, owner }
         } else {
             let noise = StepNoise::draw(&self.config.train, pixels.len(), &mut rng);
-            Lesson::Pixels { pixels, owner, noise }
+            RayGradient::Pixels { pixels, owner, noise }
         };
-        Ok(ObjectsBatch { rows, inputs, lesson })
+        Ok(ObjectsBatch { rows, inputs, ray_gradient })
     }
 
     /// The training objects of a step, by their place among them.
@@ -229,13 +229,13 @@ impl BatchDrawer {
                 Some(dataset.read_input(object, input, size as u32)?)
             }
         };
-        let lesson = if config.train.supervision == Supervision::Occupancy {
+        let ray_gradient = if config.train.supervision == Supervision::Occupancy {
             DrawnLesson::Points(self.draw_points(object, &mut rng)?)
         } else {
             let hull = self.hulls.as_ref().map(|hulls| hulls.of(dataset, object)).transpose()?;
             DrawnLesson::Views(self.draw_views(object, &mut rng)?, hull)
         };
-        Ok(Drawn { row, input, lesson })
+        Ok(Drawn { row, input, ray_gradient })
     }
 
     fn draw_views(&self, object: usize, rng: &mut ChaCha8Rng) -> Result<Vec<View>> {

@@ -13,7 +13,7 @@ use super::results::{ObjectScore, Results};
 use super::subject::{Shape, Subject, judged_input};
 use crate::error::Result;
 use crate::run::Observer;
-use crate::validate::agreement;
+use dvr_render::view_metrics;
 
 /// A part of the objects: every `of`-th, starting with number `number`, counted from 1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -113,12 +113,12 @@ impl Evaluation<'_> {
         let input = judged_input(dataset, object, seed)?;
         let truth = dataset.read_ground_truth(object)?;
         let shape = self.subject.shape(dataset, object, input, self.extraction)?;
-        let agreement = match &shape {
+        let view_metrics = match &shape {
             Shape::Mesh(mesh) if views > 0 => {
                 let all = dataset.views(object)?;
                 let chosen = (0..views.min(all)).map(|i| dataset.read_view(object, i * all / views.min(all)));
                 let chosen = chosen.collect::<dvr_core::Result<Vec<_>>>()?;
-                agreement(&MeshShader::new(mesh), &chosen.iter().collect::<Vec<_>>(), usize::MAX)
+                view_metrics(&MeshShader::new(mesh), &chosen.iter().collect::<Vec<_>>(), usize::MAX)
             }
             _ => None,
         };
@@ -129,7 +129,7 @@ impl Evaluation<'_> {
             name: object.name.clone(),
             input,
             shape: shape.evaluate(&truth, seed)?,
-            views: agreement,
+            views: view_metrics,
         })
     }
 }

@@ -34,7 +34,7 @@ struct MeanShape {
 }
 
 /// Counts of one category's samples.
-struct Tally {
+struct LossSums {
     voxels: usize,
     inside: Vec<u32>,
     all: Vec<u32>,
@@ -50,12 +50,12 @@ impl MeanShapes {
         mut progress: impl FnMut(usize),
         mut problem: impl FnMut(usize, String),
     ) -> Result<Self> {
-        let mut tallies: BTreeMap<String, Tally> = BTreeMap::new();
+        let mut tallies: BTreeMap<String, LossSums> = BTreeMap::new();
         for (done, object) in dataset.of_split(Split::Train).into_iter().enumerate() {
             match dataset.read_occupancy(object) {
                 Ok(Some(samples)) => {
                     let category = dataset.objects()[object].category.clone();
-                    tallies.entry(category).or_insert_with(|| Tally::for_samples(&samples)).add(&samples);
+                    tallies.entry(category).or_insert_with(|| LossSums::for_samples(&samples)).add(&samples);
                 }
                 Ok(None) => problem(object, "there is no points.npz".into()),
                 Err(error) => problem(object, error.to_string()),
@@ -69,7 +69,7 @@ impl MeanShapes {
                 remedy: "`dvr synth` writes them.".into(),
             });
         }
-        let categories = tallies.into_iter().map(|(category, tally)| (category, tally.mean())).collect();
+        let categories = tallies.into_iter().map(|(category, sums)| (category, sums.mean())).collect();
         Ok(Self { categories })
     }
 
@@ -88,7 +88,7 @@ impl MeanShapes {
     }
 }
 
-impl Tally {
+impl LossSums {
     /// As fine as this many samples allow.
     fn for_samples(samples: &OccupancySamples) -> Self {
         let voxels = (samples.points.len() as f64 / POINTS_A_VOXEL).cbrt() as usize;
@@ -160,9 +160,9 @@ mod tests {
             inside: points.iter().map(|point| point.length() < radius).collect(),
             points: points.clone(),
         };
-        let mut tally = Tally::for_samples(&samples(0.0));
-        radii.for_each(|radius| tally.add(&samples(radius)));
-        tally.mean()
+        let mut sums = LossSums::for_samples(&samples(0.0));
+        radii.for_each(|radius| sums.add(&samples(radius)));
+        sums.mean()
     }
 
     #[test]

@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
 use crate::evaluate::ShapeEvaluation;
-use crate::validate::Agreement;
+use dvr_render::ViewMetrics;
 
 /// Version of the files.
 const VERSION: u32 = 1;
@@ -58,7 +58,7 @@ pub struct ObjectScore {
     /// The shape against the truth.
     pub shape: ShapeEvaluation,
     /// Renders of the coloured mesh against its views, where these were asked for.
-    pub views: Option<Agreement>,
+    pub views: Option<ViewMetrics>,
 }
 
 /// A file of results.

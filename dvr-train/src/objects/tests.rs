@@ -15,14 +15,15 @@ use dvr_render::Query;
 use glam::Vec3;
 
 use super::config::ObjectsConfig;
-use super::draw::{BatchDrawer, Lesson};
+use super::draw::{BatchDrawer, RayGradient};
 use super::loader::Loader;
 use super::mean_shape::MeanShapes;
 use super::nearest_picture::NearestPicture;
 use super::subject::{Shape, Subject, judged_input};
 use super::trainer::ObjectsTrainer;
-use crate::config::{MarchStage, Supervision};
+use crate::config::MarchStage;
 use crate::learner::Learner;
+use dvr_core::Supervision;
 
 fn write_dataset(root: &Path) {
     let config = SynthConfig {
@@ -80,8 +81,8 @@ fn batches_come_in_the_order_of_steps_and_every_epoch_has_every_object_once() {
     for step in 1..=6 {
         let (ahead, alone) = (loader.next_batch().unwrap(), drawer.draw(step).unwrap());
         assert_eq!((&ahead.rows, &ahead.inputs), (&alone.rows, &alone.inputs), "step {step}");
-        let Lesson::Pixels { pixels, owner, .. } = ahead.lesson else { panic!("pixels teach") };
-        let Lesson::Pixels { pixels: again, .. } = alone.lesson else { panic!("pixels teach") };
+        let RayGradient::Pixels { pixels, owner, .. } = ahead.ray_gradient else { panic!("pixels teach") };
+        let RayGradient::Pixels { pixels: again, .. } = alone.ray_gradient else { panic!("pixels teach") };
         assert_eq!((&pixels.color, &pixels.rays), (&again.color, &again.rays));
         assert_eq!(owner.chunks(16).map(|chunk| chunk[0]).collect::<Vec<_>>(), [0, 1, 2, 3]);
         rows.extend(ahead.rows);
@@ -104,7 +105,7 @@ fn with_one_view_an_object_always_teaches_by_the_same() {
     let mut origin = std::collections::BTreeMap::new();
     for step in 1..=12 {
         let batch = drawer.draw(step).unwrap();
-        let Lesson::Pixels { pixels, owner, .. } = batch.lesson else { panic!("pixels teach") };
+        let RayGradient::Pixels { pixels, owner, .. } = batch.ray_gradient else { panic!("pixels teach") };
         for (ray, &place) in pixels.rays.iter().zip(&owner) {
             let row = batch.rows[place as usize];
             assert_eq!(*origin.entry(row).or_insert(ray.origin), ray.origin, "object {row}, step {step}");

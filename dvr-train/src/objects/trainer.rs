@@ -13,7 +13,7 @@ use dvr_render::{Field, Query};
 use glam::Vec3;
 
 use super::config::ObjectsConfig;
-use super::draw::{BatchDrawer, Lesson, ObjectsBatch};
+use super::draw::{BatchDrawer, ObjectsBatch, RayGradient};
 use super::loader::Loader;
 use super::model::{image_tensor, rows_tensor};
 use super::validate::{Judge, judge, read_judges};
@@ -26,7 +26,7 @@ use crate::losses;
 use crate::objective::{StepLoss, step_loss};
 use crate::team::{Part, Team, shares};
 use crate::trainer::StepReport;
-use crate::validate::Agreement;
+use dvr_render::ViewMetrics;
 
 /// A model of many objects in training.
 pub struct ObjectsTrainer {
@@ -121,7 +121,7 @@ impl ObjectsTrainer {
 }
 
 /// The loss of some objects after so many steps: a picture of each is encoded, and what their fields show compared with
-/// the lesson.
+/// the ray_gradient.
 fn objects_loss(
     model: &ImageModel,
     batch: ObjectsBatch,
@@ -134,19 +134,19 @@ fn objects_loss(
     let codes = model.codes(Tensor::from_inner(images), Tensor::from_inner(rows));
     let frozen = model.decoder.valid().with_codes(codes.clone().inner());
     let field = model.field(codes);
-    match batch.lesson {
-        Lesson::Pixels { pixels, owner, noise } => {
+    match batch.ray_gradient {
+        RayGradient::Pixels { pixels, owner, noise } => {
             let config = config.objective();
             let batch = PixelBatch::of_pixels(pixels, config.sampling().patch_pixels(), None, device);
             step_loss(&field, &frozen, &batch.with_objects(owner), &noise, &config, steps_done)
         }
-        Lesson::Points { points, inside, owner } => {
+        RayGradient::Points { points, inside, owner } => {
             occupancy_loss(&field, &points, &inside, &owner, &device.clone().autodiff())
         }
     }
 }
 
-/// The Occupancy Network objective, a mean over points, in the form of the other lessons; the IoU is that of the
+/// The Occupancy Network objective, a mean over points, in the form of the other ray_gradients; the IoU is that of the
 /// points.
 fn occupancy_loss(field: &Conditioned, points: &[Vec3], inside: &[bool], owner: &[i64], device: &Device) -> StepLoss {
     let n = points.len();
@@ -166,16 +166,16 @@ fn occupancy_loss(field: &Conditioned, points: &[Vec3], inside: &[bool], owner: 
 }
 
 impl Learner for ObjectsTrainer {
-    /// One step: draw objects, encode a picture of each, compare what their fields show with the lesson.
+    /// One step: draw objects, encode a picture of each, compare what their fields show with the ray_gradient.
     ///
     /// All randomness comes from the seed and the step's number: a resumed run draws what an unbroken one would.
     fn step(&mut self) -> Result<StepReport> {
         let loader = self.loader.get_or_insert_with(|| Loader::start(&self.drawer, self.step + 1));
         let mut batch = loader.next_batch()?;
-        let whole = batch.lesson.len();
+        let whole = batch.ray_gradient.len();
         let parts = shares(batch.rows.len(), self.team.len()).map(|objects| {
             let work = batch.take_first(objects.len());
-            Part { weight: work.lesson.len() as f64 / whole as f64, work }
+            Part { weight: work.ray_gradient.len() as f64 / whole as f64, work }
         });
         let parts = parts.collect();
         let (config, step) = (&self.config, self.step);
@@ -199,7 +199,7 @@ impl Learner for ObjectsTrainer {
         self.config.train.steps
     }
 
-    fn validate(&self, pixels: usize) -> Option<Agreement> {
+    fn validate(&self, pixels: usize) -> Option<ViewMetrics> {
         judge(&self.model.valid(), &self.judges, pixels, self.team.first())
     }
 

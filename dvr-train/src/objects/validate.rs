@@ -11,7 +11,7 @@ use image::RgbImage;
 use super::config::ObjectsConfig;
 use super::draw::stable_hash;
 use super::model::{image_tensor, render_settings, rows_tensor};
-use crate::validate::{Agreement, agreement};
+use dvr_render::{ViewMetrics, view_metrics};
 
 /// Samples across the cube where a field is looked at.
 const SAMPLES: usize = 48;
@@ -63,19 +63,19 @@ fn read_judge(
     Ok(Judge { row: row as i64, input, view: dataset.read_view(object, view as usize)? })
 }
 
-/// The mean agreement of a model, without gradient tracking, with all judges, on about so many pixels.
-pub(crate) fn judge(model: &ImageModel, judges: &[Judge], pixels: usize, device: &Device) -> Option<Agreement> {
-    let of_each: Vec<Agreement> = judges
+/// The mean view_metrics of a model, without gradient tracking, with all judges, on about so many pixels.
+pub(crate) fn judge(model: &ImageModel, judges: &[Judge], pixels: usize, device: &Device) -> Option<ViewMetrics> {
+    let of_each: Vec<ViewMetrics> = judges
         .iter()
         .filter_map(|judge| {
             let images = image_tensor(&judge.input.iter().collect::<Vec<_>>(), device);
             let field = model.field(model.codes(images, rows_tensor(&[judge.row], device)));
             let shader = FieldShader::new(&field, render_settings(SAMPLES), None);
-            agreement(&shader, &[&judge.view], pixels / judges.len())
+            view_metrics(&shader, &[&judge.view], pixels / judges.len())
         })
         .collect();
-    let mean = |part: fn(&Agreement) -> f64| of_each.iter().map(part).sum::<f64>() / of_each.len() as f64;
-    (!of_each.is_empty()).then(|| Agreement {
+    let mean = |part: fn(&ViewMetrics) -> f64| of_each.iter().map(part).sum::<f64>() / of_each.len() as f64;
+    (!of_each.is_empty()).then(|| ViewMetrics {
         psnr: mean(|a| a.psnr),
         mask_iou: mean(|a| a.mask_iou),
         pixels: of_each.iter().map(|a| a.pixels).sum(),

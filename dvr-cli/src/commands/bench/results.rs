@@ -91,8 +91,8 @@ impl Outcome {
             floor: metrics.shape.floor.as_ref().map(|score| score.chamfer_l1),
             normals: surface.and_then(|score| Some(score.normal_consistency?.mean)),
             volume_iou: metrics.shape.volume_iou,
-            psnr: metrics.held_out_mesh.map(|agreement| agreement.psnr),
-            mask_iou: metrics.held_out_mesh.map(|agreement| agreement.mask_iou),
+            psnr: metrics.held_out_mesh.map(|view_metrics| view_metrics.psnr),
+            mask_iou: metrics.held_out_mesh.map(|view_metrics| view_metrics.mask_iou),
         }
     }
 }

@@ -1,0 +1,81 @@
+//! Where the time of a step of the fast method goes: `cargo bench -p dvr-grid --bench step [-- SCENE...]`.
+//!
+//! Prints a table for grids of 64, 128 and 256 cells: milliseconds a step of each part, and beside what streams
+//! through memory the number of passes over the grid (each node read and written once) that would take as long at
+//! the bandwidth measured here.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use dvr_core::Scene;
+use dvr_core::ViewSplit;
+use dvr_core::dataset::{ReadOptions, read_scene};
+use dvr_grid::{Capacity, GridConfig, GridTrainer, Part};
+use rayon::prelude::*;
+
+/// Steps of each stage, of which those of the last are measured.
+const STEPS: usize = 100;
+
+fn main() {
+    let mut scenes: Vec<PathBuf> =
+        std::env::args().skip(1).filter(|argument| !argument.starts_with('-')).map(PathBuf::from).collect();
+    if scenes.is_empty() {
+        scenes.push(Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/scenes/mug/mug"));
+    }
+    let threads = rayon::current_num_threads();
+    let bandwidth = bandwidth();
+    println!("{threads} threads, {:.1} GB/s read and written\n", bandwidth / 1e9);
+    println!("| scene | cells | parameters | step, ms | rays | gather | smoothness | levels | sign map |");
+    println!("|---|---|---|---|---|---|---|---|---|");
+    for path in &scenes {
+        let scene = read_scene(path, &ReadOptions::default()).expect("the scene is readable");
+        [64, 128, 256].into_iter().for_each(|cells| profile(&scene, cells, bandwidth));
+    }
+}
+
+fn profile(scene: &Scene, cells: usize, bandwidth: f64) {
+    let config = GridConfig { capacity: Capacity::Cells(cells), steps: STEPS, ..GridConfig::default() };
+    let views = ViewSplit::new(scene, config.hold_out_every).expect("enough views");
+    let mut trainer = GridTrainer::new(views, config).expect("the masks show the object");
+    while trainer.steps_done() < trainer.total_steps() - STEPS {
+        trainer.step().expect("the loss is finite");
+    }
+    let before = *trainer.times();
+    let parameters = trainer.parameters();
+    while trainer.steps_done() < trainer.total_steps() {
+        trainer.step().expect("the loss is finite");
+    }
+    let seconds = Part::ALL.map(|part| (trainer.times().of(part) - before.of(part)).as_secs_f64() / STEPS as f64);
+    // A node is four bytes, read and written.
+    let pass = 8.0 * ((cells + 1) as f64).powi(3) / bandwidth;
+    let [rays, gather, smoothness, levels, occupancy] = seconds;
+    let streamed = |seconds: f64| format!("{:.2} ({:.1} passes)", 1e3 * seconds, seconds / pass);
+    println!(
+        "| {} | {cells} | {parameters} | {:.2} | {:.2} | {:.2} | {} | {} | {} |",
+        scene.name,
+        1e3 * seconds.iter().sum::<f64>(),
+        1e3 * rays,
+        1e3 * gather,
+        streamed(smoothness),
+        streamed(levels),
+        streamed(occupancy),
+    );
+}
+
+/// Bytes that all threads together read and write in a second, of arrays far larger than the caches.
+fn bandwidth() -> f64 {
+    const WORDS: usize = 32 << 20;
+    let source = vec![1_u32; WORDS];
+    let mut target = vec![0_u32; WORDS];
+    let best = (0..5)
+        .map(|_| {
+            let start = Instant::now();
+            target
+                .par_chunks_mut(1 << 16)
+                .zip(source.par_chunks(1 << 16))
+                .for_each(|(to, from)| to.copy_from_slice(from));
+            start.elapsed().as_secs_f64()
+        })
+        .fold(f64::INFINITY, f64::min);
+    (2 * 4 * WORDS) as f64 / best
+}

@@ -1,0 +1,281 @@
+//! VoxelGrid fields in few bytes: quantised, and only where the surface is.
+//!
+//! A trilinear surface is determined by the corners of the cells that it passes through. Their values are stored as
+//! steps of a thirty-second of a cell; for all other nodes it is enough to know on which side they are. Colours are
+//! stored, in 64 steps, where such a cell needs them. Both are far finer than what training gets right. The whole is
+//! deflated (RFC 1951).
+
+use std::io::{Read, Write};
+
+use dvr_core::voxel::VoxelGrid;
+use flate2::Compression;
+use flate2::read::DeflateDecoder;
+use flate2::write::DeflateEncoder;
+
+use crate::field::{GridField, GridValues};
+
+/// Bytes that cannot be read as a grid field.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("{0}")]
+pub struct GridFormatError(String);
+
+/// Version of the format.
+pub const GRID_FORMAT_VERSION: u32 = 2;
+
+const MAGIC: &[u8; 4] = b"DVRL";
+
+/// Bytes before the deflated part: magic, version, nodes of shape and colour, half extent.
+const HEADER: usize = 20;
+
+/// Quantisation steps of the shape along the edge of a cell: values within four cells are told apart.
+const STEPS_PER_CELL: f32 = 32.0;
+
+/// Colours may overshoot, since they are clamped only after interpolation: what the first and the last step stand for.
+const COLOR_RANGE: [f32; 2] = [-0.25, 1.25];
+
+/// The last quantisation step of colours.
+const LAST_COLOR: f32 = 63.0;
+
+/// Most nodes along an edge that a file may claim to have.
+const MAX_NODES: u32 = 2049;
+
+/// What a node is: away from the surface on either side, or stored.
+#[derive(Clone, Copy, PartialEq, Eq)]
+#[repr(u8)]
+enum Class {
+    Outside = 0,
+    Inside = 1,
+    Stored = 2,
+}
+
+/// A field as bytes.
+///
+/// # Errors
+/// Never in practice: memory is written to.
+pub fn to_bytes(field: &GridField) -> Result<Vec<u8>, GridFormatError> {
+    let (shape, color) = (field.shape(), field.color());
+    let classes = classify(shape);
+    let step = shape.grid.spacing() / STEPS_PER_CELL;
+    let mut plain: Vec<u8> = classes.iter().map(|&class| class as u8).collect();
+    let mut predictor = Predictor::new(&shape.grid);
+    for node in (0..classes.len()).filter(|&node| classes[node] == Class::Stored) {
+        let code = quantised(shape.values[node], step);
+        plain.push(code.wrapping_sub(predictor.predict(node)) as u8);
+        predictor.learn(node, code);
+    }
+    let needed = needed_colors(&shape.grid, &classes, &color.grid);
+    for channel in 0..3 {
+        let mut previous = 0u8;
+        for node in (0..needed.len()).filter(|&node| needed[node]) {
+            // Neighbours differ little: differences deflate well.
+            let byte = color_byte(color.values[3 * node + channel]);
+            plain.push(byte.wrapping_sub(previous));
+            previous = byte;
+        }
+    }
+    let mut bytes = MAGIC.to_vec();
+    bytes.extend(GRID_FORMAT_VERSION.to_le_bytes());
+    bytes.extend((shape.grid.nodes() as u32).to_le_bytes());
+    bytes.extend((color.grid.nodes() as u32).to_le_bytes());
+    bytes.extend(shape.grid.half_extent().to_le_bytes());
+    let mut encoder = DeflateEncoder::new(bytes, Compression::best());
+    encoder.write_all(&plain).and_then(|()| encoder.finish()).map_err(|e| GridFormatError(e.to_string()))
+}
+
+/// A field from bytes.
+///
+/// # Errors
+/// When the bytes are not a grid field, are cut short, or come from a newer program.
+pub fn from_bytes(bytes: &[u8]) -> Result<GridField, GridFormatError> {
+    let broken = GridFormatError;
+    if bytes.len() < HEADER || &bytes[..4] != MAGIC {
+        return Err(broken("these bytes are no grid field".into()));
+    }
+    let word = |i: usize| [bytes[4 * i], bytes[4 * i + 1], bytes[4 * i + 2], bytes[4 * i + 3]];
+    let version = u32::from_le_bytes(word(1));
+    if version != GRID_FORMAT_VERSION {
+        let known = GRID_FORMAT_VERSION;
+        return Err(broken(format!("grid field version {version}; this program reads version {known}")));
+    }
+    let (nodes, color_nodes) = (u32::from_le_bytes(word(2)), u32::from_le_bytes(word(3)));
+    let half_extent = f32::from_le_bytes(word(4));
+    let plausible = |n: u32| (2..=MAX_NODES).contains(&n);
+    if !(plausible(nodes) && plausible(color_nodes) && half_extent > 0.0 && half_extent.is_finite()) {
+        return Err(broken(format!("{nodes} and {color_nodes} nodes over +-{half_extent} make no grids")));
+    }
+    let (shape, color) =
+        (VoxelGrid::new(nodes as usize, half_extent), VoxelGrid::new(color_nodes as usize, half_extent));
+    // No more than a byte a value can be wanted: a file cannot ask for all memory.
+    let limit = 2 * shape.len() + 3 * color.len();
+    let mut plain = Vec::new();
+    let decoder = DeflateDecoder::new(&bytes[HEADER..]);
+    decoder
+        .take(limit as u64 + 1)
+        .read_to_end(&mut plain)
+        .map_err(|e| broken(format!("the field is damaged ({e})")))?;
+    read_plain(&plain, shape, color).ok_or_else(|| broken("the field is cut short".into()))
+}
+
+/// How many values of shape and colour a file of this field stores.
+pub fn stored_values(field: &GridField) -> usize {
+    let classes = classify(field.shape());
+    let shape = classes.iter().filter(|class| **class == Class::Stored).count();
+    let needed = needed_colors(&field.shape().grid, &classes, &field.color().grid);
+    shape + 3 * needed.iter().filter(|needed| **needed).count()
+}
+
+/// What was deflated; `None` where its length is wrong.
+fn read_plain(plain: &[u8], shape: VoxelGrid, color: VoxelGrid) -> Option<GridField> {
+    let (classes, rest) = plain.split_at_checked(shape.len())?;
+    let classes: Vec<Class> = classes
+        .iter()
+        .map(|&byte| match byte {
+            0 => Class::Outside,
+            1 => Class::Inside,
+            _ => Class::Stored,
+        })
+        .collect();
+    let stored = classes.iter().filter(|class| **class == Class::Stored).count();
+    let (codes, rest) = rest.split_at_checked(stored)?;
+    let (step, far) = (shape.spacing() / STEPS_PER_CELL, 2.0 * shape.spacing());
+    let mut values: Vec<f32> = classes.iter().map(|&class| if class == Class::Inside { far } else { -far }).collect();
+    let mut predictor = Predictor::new(&shape);
+    let nodes = (0..classes.len()).filter(|&node| classes[node] == Class::Stored);
+    for (node, &residual) in nodes.zip(codes) {
+        let code = predictor.predict(node).wrapping_add(residual as i8);
+        predictor.learn(node, code);
+        values[node] = (f32::from(code) + 0.5) * step;
+    }
+    let needed = needed_colors(&shape, &classes, &color);
+    let count = needed.iter().filter(|needed| **needed).count();
+    if rest.len() != 3 * count {
+        return None;
+    }
+    let mut colors = vec![0.5; 3 * color.len()];
+    for channel in 0..3 {
+        let mut byte = 0u8;
+        let nodes = (0..needed.len()).filter(|&node| needed[node]);
+        for (node, difference) in nodes.zip(&rest[channel * count..]) {
+            byte = byte.wrapping_add(*difference);
+            colors[3 * node + channel] = byte_color(byte);
+        }
+    }
+    let shape = GridValues { grid: shape, values };
+    Some(GridField::new(shape, GridValues { grid: color, values: colors }))
+}
+
+/// Which nodes are corners of cells that the surface passes through.
+fn classify(shape: &GridValues) -> Vec<Class> {
+    let (grid, values) = (&shape.grid, &shape.values);
+    let mut classes: Vec<Class> =
+        values.iter().map(|&value| if value >= 0.0 { Class::Inside } else { Class::Outside }).collect();
+    let (cells, offsets) = (grid.cells(), grid.corner_offsets());
+    for i in 0..cells.pow(3) {
+        let node = grid.index([i % cells, i / cells % cells, i / (cells * cells)]);
+        let inside = offsets.iter().filter(|&&offset| values[node + offset] >= 0.0).count();
+        if inside > 0 && inside < 8 {
+            offsets.iter().for_each(|offset| classes[node + offset] = Class::Stored);
+        }
+    }
+    classes
+}
+
+/// Guesses a node's code from those before it, so that only what is new has to be stored: shapes are almost linear
+/// from node to node (the Lorenzo predictor, Ibarria et al. 2003, on as many axes as there are neighbours).
+struct Predictor {
+    codes: Vec<Option<i8>>,
+    steps: [usize; 3],
+}
+
+impl Predictor {
+    fn new(grid: &VoxelGrid) -> Self {
+        let nodes = grid.nodes();
+        Self { codes: vec![None; grid.len()], steps: [1, nodes, nodes * nodes] }
+    }
+
+    fn predict(&self, node: usize) -> i8 {
+        let code = |back: usize| node.checked_sub(back).and_then(|i| self.codes[i]).map(i16::from);
+        let [x, y, z] = self.steps;
+        let plane = |a: usize, b: usize| Some(code(a)? + code(b)? - code(a + b)?);
+        let all =
+            || Some(code(x)? + code(y)? + code(z)? - code(x + y)? - code(x + z)? - code(y + z)? + code(x + y + z)?);
+        let guess = all().or_else(|| plane(x, y)).or_else(|| plane(x, z)).or_else(|| plane(y, z));
+        let guess = guess.or_else(|| code(x)).or_else(|| code(y)).or_else(|| code(z)).unwrap_or(0);
+        guess.clamp(-128, 127) as i8
+    }
+
+    fn learn(&mut self, node: usize, code: i8) {
+        self.codes[node] = Some(code);
+    }
+}
+
+/// The colour nodes around stored shape nodes.
+fn needed_colors(shape: &VoxelGrid, classes: &[Class], color: &VoxelGrid) -> Vec<bool> {
+    let mut needed = vec![false; color.len()];
+    let offsets = color.corner_offsets();
+    for node in (0..classes.len()).filter(|&node| classes[node] == Class::Stored) {
+        let cell = color.locate(shape.position(node));
+        offsets.iter().for_each(|offset| needed[cell.node + offset] = true);
+    }
+    needed
+}
+
+/// The sign is kept: codes 0 and up are inside, -1 and down outside, each for the middle of its step.
+fn quantised(value: f32, step: f32) -> i8 {
+    (value / step).floor().clamp(-128.0, 127.0) as i8
+}
+
+fn color_byte(value: f32) -> u8 {
+    let [low, high] = COLOR_RANGE;
+    ((value - low) / (high - low) * LAST_COLOR).round().clamp(0.0, LAST_COLOR) as u8
+}
+
+fn byte_color(byte: u8) -> f32 {
+    let [low, high] = COLOR_RANGE;
+    low + (high - low) * f32::from(byte) / LAST_COLOR
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+
+    use super::*;
+    use crate::field::tests::ball;
+
+    #[test]
+    fn the_surface_and_its_colours_survive() {
+        let field = ball(33);
+        let bytes = to_bytes(&field).unwrap();
+        assert!(bytes.len() < 8_000, "{} bytes", bytes.len());
+        let read = from_bytes(&bytes).unwrap();
+        let cell = field.shape().grid.spacing();
+        for i in 0..200 {
+            let direction = Vec3::new((i as f32).sin(), (1.7 * i as f32).cos(), (2.3 * i as f32).sin()).normalize();
+            let point = 0.3 * direction;
+            let value = |f: &GridField| f.shape().grid.value(&f.shape().values, point);
+            assert!((value(&field) - value(&read)).abs() <= 0.51 * cell / STEPS_PER_CELL);
+            for (a, b) in field.color_at(point).iter().zip(read.color_at(point)) {
+                assert!((a - b).abs() < 0.5 * 1.5 / LAST_COLOR + 1e-4, "{a} {b}");
+            }
+        }
+        // Every sign is kept, so the topology is.
+        let signs = |f: &GridField| f.shape().values.iter().map(|&v| v >= 0.0).collect::<Vec<_>>();
+        assert_eq!(signs(&field), signs(&read));
+        assert_eq!(to_bytes(&read).unwrap(), bytes, "writing again changes nothing");
+    }
+
+    #[test]
+    fn damaged_bytes_are_refused() {
+        let bytes = to_bytes(&ball(33)).unwrap();
+        assert!(from_bytes(&[]).is_err() && from_bytes(b"DVRX").is_err());
+        for length in [10, HEADER, bytes.len() / 2, bytes.len() - 1] {
+            assert!(from_bytes(&bytes[..length]).is_err(), "{length} bytes");
+        }
+        let mut newer = bytes.clone();
+        newer[4] = 9;
+        assert!(from_bytes(&newer).err().unwrap().to_string().contains("version 9"));
+        let mut huge = bytes;
+        huge[8..12].copy_from_slice(&u32::MAX.to_le_bytes());
+        assert!(from_bytes(&huge).is_err());
+    }
+}

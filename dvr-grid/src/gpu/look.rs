@@ -1,0 +1,109 @@
+//! What rays see of a field on grids, and what it is at points, inside a kernel: the twin of
+//! `dvr_model::GridField`.
+
+#![allow(missing_docs)]
+
+use cubecl::prelude::*;
+
+use super::space::{Grid, Point, grid};
+use super::walk::{FAR, Region, first_crossing};
+
+/// Numbers of a ray: origin and direction.
+pub const RAY_COLUMNS: usize = 6;
+
+/// Numbers of what a ray sees: ray depth, below zero where it sees nothing, colour and outward normal.
+pub const SHADED_COLUMNS: usize = 7;
+
+/// Three numbers side by side, as a point.
+#[cube]
+fn point(numbers: &[f32], at: usize) -> Point {
+    Point::new(numbers[at], numbers[at + 1], numbers[at + 2])
+}
+
+/// Writes a point's coordinates side by side.
+#[cube]
+fn write(point: &Point, numbers: &mut [f32], at: usize) {
+    numbers[at] = point.x;
+    numbers[at + 1] = point.y;
+    numbers[at + 2] = point.z;
+}
+
+/// sRGB colour at a point, in `[0, 1]`.
+#[cube]
+fn color_at(colors: &[f32], grid: &Grid, point: &Point) -> Point {
+    let cell = grid.locate(point);
+    let mut red = 0.0f32;
+    let mut green = 0.0f32;
+    let mut blue = 0.0f32;
+    #[unroll]
+    for corner in 0..8usize {
+        let node = grid.corner(cell.node, corner) * 3;
+        let weight = cell.weight(corner);
+        red += weight * colors[node];
+        green += weight * colors[node + 1];
+        blue += weight * colors[node + 2];
+    }
+    Point::new(red.clamp(0.0f32, 1.0f32), green.clamp(0.0f32, 1.0f32), blue.clamp(0.0f32, 1.0f32))
+}
+
+/// What rays see, a work-item a ray.
+#[cube(launch)]
+pub(crate) fn shade(
+    rays: &[f32],
+    values: &[f32],
+    marks: &[u32],
+    colors: &[f32],
+    shaded: &mut [f32],
+    region: Region,
+    color_nodes: u32,
+    color_half_extent: f32,
+    count: u32,
+) {
+    let ray = ABSOLUTE_POS;
+    if ray < count as usize {
+        let origin = point(rays, ray * RAY_COLUMNS);
+        let direction = point(rays, ray * RAY_COLUMNS + 3);
+        let at = ray * SHADED_COLUMNS;
+        let depth = first_crossing(values, marks, &region, &origin, &direction, 0.0f32, f32::new(FAR));
+        shaded[at] = depth;
+        if depth >= 0.0f32 {
+            let place = origin.along(&direction, depth);
+            write(&color_at(colors, &grid(color_nodes, color_half_extent), &place), shaded, at + 1);
+            let gradient = region.grid().slope(values, &place).gradient;
+            let length = gradient.length();
+            // Where the field is flat there is no normal.
+            write(&gradient.times(select(length > 0.0f32, -1.0f32 / length, 0.0f32)), shaded, at + 4);
+        }
+    }
+}
+
+/// Interpolated values at points, one number each, or with `slopes` their gradients, three each.
+#[cube(launch)]
+pub(crate) fn values_at(
+    points: &[f32],
+    values: &[f32],
+    found: &mut [f32],
+    nodes: u32,
+    half_extent: f32,
+    count: u32,
+    #[comptime] slopes: bool,
+) {
+    let index = ABSOLUTE_POS;
+    if index < count as usize {
+        let slope = grid(nodes, half_extent).slope(values, &point(points, index * 3));
+        if comptime!(slopes) {
+            write(&slope.gradient, found, index * 3);
+        } else {
+            found[index] = slope.value;
+        }
+    }
+}
+
+/// Colours at points, three numbers each.
+#[cube(launch)]
+pub(crate) fn colors_at(points: &[f32], colors: &[f32], found: &mut [f32], nodes: u32, half_extent: f32, count: u32) {
+    let index = ABSOLUTE_POS;
+    if index < count as usize {
+        write(&color_at(colors, &grid(nodes, half_extent), &point(points, index * 3)), found, index * 3);
+    }
+}

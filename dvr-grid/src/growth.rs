@@ -1,0 +1,134 @@
+//! No more model than the scene needs: when the grids grow, and when growth is taken back.
+
+use dvr_core::UnitCube;
+use serde::{Deserialize, Serialize};
+
+use crate::config::{Capacity, GridConfig};
+use crate::multires::MultiResGrid;
+use dvr_core::ViewSplit;
+use dvr_render::ViewMetrics;
+
+/// A cell that is smaller than this share of a pixel's footprint cannot show more than the pictures do.
+const FINEST_CELL: f64 = 0.5;
+
+/// What a stage came to.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Reached {
+    pub cells: usize,
+    pub parameters: usize,
+    pub bytes: usize,
+    #[serde(with = "super::exact")]
+    pub held_out: Option<ViewMetrics>,
+}
+
+/// What to do after a stage.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Verdict {
+    Grow,
+    Stay,
+    TakeBack,
+}
+
+/// The course of a run's growth.
+pub(crate) struct Growth {
+    /// Most cells along an edge.
+    max_cells: usize,
+    stages: usize,
+    reached: Vec<Reached>,
+    kept: Option<(MultiResGrid<1>, MultiResGrid<3>)>,
+    notes: Vec<String>,
+}
+
+impl Growth {
+    /// Plans as many stages as the configuration and the pictures allow.
+    pub fn plan(config: &GridConfig, views: &ViewSplit) -> Self {
+        let limit = match config.capacity {
+            Capacity::Cells(cells) => cells,
+            Capacity::Auto { max_cells, .. } => {
+                let useful = 2.0 * UnitCube::default().half_extent() / (FINEST_CELL * median_footprint(views));
+                max_cells.min(useful as usize)
+            }
+        };
+        let mut max_cells = config.first_cells;
+        let mut stages = 1;
+        while 2 * max_cells <= limit {
+            max_cells *= 2;
+            stages += 1;
+        }
+        Self { max_cells, stages, reached: Vec::new(), kept: None, notes: Vec::new() }
+    }
+
+    /// Stages that there will be, as far as is known.
+    pub fn stages(&self) -> usize {
+        self.stages
+    }
+
+    /// Decides after a stage.
+    pub fn judge(&mut self, config: &GridConfig, now: Reached) -> Verdict {
+        let Reached { cells, parameters, bytes, held_out } = now;
+        let judged = held_out.map_or(String::new(), |h| format!(", held-out {:.2} dB, IoU {:.4}", h.psnr, h.mask_iou));
+        self.notes.push(format!("{cells} cells: {parameters} parameters in training, {bytes} bytes stored{judged}"));
+        let before = self.reached.last().copied();
+        self.reached.push(now);
+        if config.max_bytes > 0 && bytes > config.max_bytes {
+            let verdict = if before.is_some() { Verdict::TakeBack } else { Verdict::Stay };
+            self.notes.push(match before {
+                Some(before) => {
+                    format!("{} cells are kept: more would take over {} bytes", before.cells, config.max_bytes)
+                }
+                None => format!("{bytes} bytes are more than {}: set first_cells lower", config.max_bytes),
+            });
+            return verdict;
+        }
+        if let (Capacity::Auto { min_cells, min_gain_db, .. }, Some(before)) = (config.capacity, before)
+            && cells > min_cells
+            && let (Some(old), Some(new)) = (before.held_out, held_out)
+        {
+            let gain = new.psnr - old.psnr;
+            if gain < min_gain_db {
+                self.notes.push(format!("{} cells are kept: {cells} bring {gain:+.2} dB", before.cells));
+                return Verdict::TakeBack;
+            }
+        }
+        if 2 * cells > self.max_cells { Verdict::Stay } else { Verdict::Grow }
+    }
+
+    /// Keeps a stage's result while the next one is tried.
+    pub fn keep(&mut self, shape: MultiResGrid<1>, color: MultiResGrid<3>) {
+        self.kept = Some((shape, color));
+    }
+
+    /// The result of the stage before.
+    pub fn take_back(&mut self) -> Option<(MultiResGrid<1>, MultiResGrid<3>)> {
+        self.kept.take()
+    }
+
+    /// The stages so far, and the result that may be taken back to.
+    pub fn history(&self) -> (&[Reached], Option<&(MultiResGrid<1>, MultiResGrid<3>)>) {
+        (&self.reached, self.kept.as_ref())
+    }
+
+    /// Takes up the history of an interrupted run.
+    pub fn resume(&mut self, reached: Vec<Reached>, kept: Option<(MultiResGrid<1>, MultiResGrid<3>)>) {
+        (self.reached, self.kept) = (reached, kept);
+    }
+
+    /// What was decided since the last time, for people.
+    pub fn notes(&mut self) -> Vec<String> {
+        std::mem::take(&mut self.notes)
+    }
+}
+
+/// Edge of a pixel at the distance of the object, in object units: the median over views.
+fn median_footprint(views: &ViewSplit) -> f64 {
+    let mut footprints: Vec<f64> = views
+        .train
+        .iter()
+        .map(|view| {
+            let focal = 0.5 * (view.camera.intrinsics.x_axis.x.abs() + view.camera.intrinsics.y_axis.y.abs());
+            view.camera.center().length() / focal
+        })
+        .collect();
+    footprints.sort_by(f64::total_cmp);
+    footprints.get(footprints.len() / 2).copied().unwrap_or(1.0).max(1e-6)
+}

@@ -1,0 +1,102 @@
+//! What a fast run needs to go on: parameters and moments of all levels, as safetensors.
+
+use std::collections::HashMap;
+
+use safetensors::tensor::{Dtype, TensorView};
+use safetensors::{SafeTensors, serialize};
+use serde::{Deserialize, Serialize};
+
+use crate::error::{Error, Result};
+use crate::growth::Reached;
+use crate::multires::MultiResGrid;
+
+/// Key of the JSON among the container's metadata.
+const PROGRESS_KEY: &str = "progress";
+
+/// How far a run has come, besides its steps.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Progress {
+    pub stage: usize,
+    /// Cells along an edge of the present shape grid.
+    pub cells: usize,
+    pub reached: Vec<Reached>,
+    pub has_kept: bool,
+    pub finished: bool,
+    pub rays_drawn: u64,
+}
+
+fn broken(problem: impl std::fmt::Display) -> Error {
+    Error::State(problem.to_string())
+}
+
+/// Names of the present levels, and of those that growth may be taken back to.
+pub(crate) const PRESENT: [&str; 2] = ["shape", "color"];
+pub(crate) const KEPT: [&str; 2] = ["kept_shape", "kept_color"];
+
+/// Everything as bytes.
+pub(crate) fn to_bytes(
+    progress: &Progress,
+    present: (&MultiResGrid<1>, &MultiResGrid<3>),
+    kept: Option<(&MultiResGrid<1>, &MultiResGrid<3>)>,
+) -> Result<Vec<u8>> {
+    let named = [(PRESENT, Some(present)), (KEPT, kept)];
+    let mut tensors: Vec<(String, Vec<u8>)> = Vec::new();
+    let mut add = |name: String, values: Vec<f32>| {
+        tensors.push((name, values.iter().flat_map(|v| v.to_le_bytes()).collect()));
+    };
+    for (names, levels) in named {
+        let Some((shape, color)) = levels else { continue };
+        add(names[0].into(), shape.state());
+        add(names[1].into(), color.state());
+        for (name, learned) in [(names[0], shape.learned()), (names[1], color.learned())] {
+            learned.into_iter().for_each(|learned| add(learned_name(name), learned));
+        }
+    }
+    let views = tensors.iter().map(|(name, bytes)| {
+        TensorView::new(Dtype::F32, vec![bytes.len() / 4], bytes).map(|view| (name.as_str(), view)).map_err(broken)
+    });
+    let metadata = HashMap::from([(PROGRESS_KEY.to_owned(), serde_json::to_string(progress).map_err(broken)?)]);
+    serialize(views.collect::<Result<Vec<_>>>()?, Some(metadata)).map_err(broken)
+}
+
+/// How far the run had come.
+pub(crate) fn progress(bytes: &[u8]) -> Result<Progress> {
+    let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(broken)?;
+    let text = metadata.metadata().as_ref().and_then(|m| m.get(PROGRESS_KEY)).ok_or_else(|| broken("no progress"))?;
+    serde_json::from_str(text).map_err(broken)
+}
+
+/// Name of what stages before a on_frozen_base one learned.
+fn learned_name(name: &str) -> String {
+    format!("{name}_learned")
+}
+
+/// What stages before a on_frozen_base one learned, of shape and colour; `None` where the levels are not on_frozen_base.
+pub(crate) fn learned(bytes: &[u8], names: [&str; 2]) -> Result<Option<(Vec<f32>, Vec<f32>)>> {
+    let tensors = SafeTensors::deserialize(bytes).map_err(broken)?;
+    let [shape, color] = names.map(|name| values(&tensors, &learned_name(name)).ok());
+    Ok(shape.zip(color))
+}
+
+fn values(tensors: &SafeTensors, name: &str) -> Result<Vec<f32>> {
+    let tensor = tensors.tensor(name).map_err(broken)?;
+    let (words, _) = tensor.data().as_chunks::<4>();
+    Ok(words.iter().map(|&word| f32::from_le_bytes(word)).collect())
+}
+
+/// The state does not belong to this run.
+pub(crate) fn misfit() -> Error {
+    broken("it is that of other masks or another configuration")
+}
+
+/// Puts the parameters back into levels of the same shapes.
+pub(crate) fn restore(
+    bytes: &[u8],
+    names: [&str; 2],
+    shape: &mut MultiResGrid<1>,
+    color: &mut MultiResGrid<3>,
+) -> Result<()> {
+    let tensors = SafeTensors::deserialize(bytes).map_err(broken)?;
+    let fits = shape.restore(&values(&tensors, names[0])?) && color.restore(&values(&tensors, names[1])?);
+    if fits { Ok(()) } else { Err(misfit()) }
+}

@@ -1,0 +1,261 @@
+//! Photographs as the fast trainer reads them: projections in f32, neighbours, and the pixels where they are.
+
+use dvr_core::hull::MaskDistance;
+use dvr_core::{Mask, View};
+use glam::{Mat3, Vec2, Vec3};
+
+/// One training view. Its pixels are the scene's own.
+#[derive(Clone, Debug)]
+pub(crate) struct TrainingView<'a> {
+    /// Where the camera stands.
+    pub center: Vec3,
+    /// Pixel coordinates (and 1) to a ray direction of unit z-depth.
+    to_direction: Mat3,
+    /// `K R` and `K t`.
+    projection: Mat3,
+    offset: Vec3,
+    width: u32,
+    height: u32,
+    /// Red, green and blue.
+    colors: &'a [[u8; 3]],
+    mask: &'a Mask,
+    /// Measured z-depth; empty without.
+    z_depth: &'a [f32],
+    /// Views that look at the object from close by, nearest first.
+    pub neighbours: Vec<u32>,
+}
+
+/// A pixel of a view and its ray.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct PixelRay {
+    pub view: u32,
+    /// Column and row.
+    pub pixel: [u32; 2],
+    pub direction: Vec3,
+    pub color: Vec3,
+    pub object: bool,
+    /// Not finite where nothing was measured.
+    pub z_depth: f32,
+}
+
+/// What a view shows at a point, and how that changes as the point moves along a direction.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Reprojection {
+    pub color: Vec3,
+    pub derivative: Vec3,
+}
+
+/// Views beyond this angle from each other show too different sides of a surface to be compared, as a cosine.
+const MAX_NEIGHBOUR_ANGLE: f32 = 0.5;
+
+impl<'a> TrainingView<'a> {
+    /// Prepares views; each gets at most `neighbours` neighbours.
+    pub fn pack(views: &[&'a View], neighbours: usize) -> Vec<Self> {
+        let mut packed: Vec<Self> = views.iter().map(|view| Self::new(view)).collect();
+        let toward: Vec<Vec3> = packed.iter().map(|view| view.center.normalize_or_zero()).collect();
+        for (i, view) in packed.iter_mut().enumerate() {
+            let cosine = |j: usize| toward[i].dot(toward[j]);
+            let mut others: Vec<usize> =
+                (0..toward.len()).filter(|&j| j != i && cosine(j) > MAX_NEIGHBOUR_ANGLE).collect();
+            others.sort_by(|&a, &b| cosine(b).total_cmp(&cosine(a)));
+            view.neighbours = others.into_iter().take(neighbours).map(|j| j as u32).collect();
+        }
+        packed
+    }
+
+    fn new(view: &'a View) -> Self {
+        let camera = &view.camera;
+        let (width, height) = view.image.dimensions();
+        Self {
+            center: camera.center().as_vec3(),
+            to_direction: (camera.rotation.transpose() * camera.intrinsics.inverse()).as_mat3(),
+            projection: (camera.intrinsics * camera.rotation).as_mat3(),
+            offset: (camera.intrinsics * camera.translation).as_vec3(),
+            width,
+            height,
+            colors: view.image.as_raw().as_chunks().0,
+            mask: &view.mask,
+            z_depth: view.depth.as_ref().map_or(&[], |depth| &depth.z_depth),
+            neighbours: Vec::new(),
+        }
+    }
+
+    /// The ray of a pixel, by its index in the image; `view` is this view's index.
+    pub fn pixel_ray(&self, view: u32, index: u32) -> PixelRay {
+        let (u, v) = (index % self.width, index / self.width);
+        PixelRay {
+            view,
+            pixel: [u, v],
+            direction: self.direction(u, v),
+            color: color(self.colors[index as usize]),
+            object: self.mask.is_object(u, v),
+            z_depth: self.z_depth.get(index as usize).copied().unwrap_or(f32::NAN),
+        }
+    }
+
+    /// Direction of unit z-depth through the centre of a pixel.
+    pub fn direction(&self, u: u32, v: u32) -> Vec3 {
+        self.to_direction * Vec3::new(u as f32 + 0.5, v as f32 + 0.5, 1.0)
+    }
+
+    /// Direction of unit z-depth through a place in the picture.
+    pub fn direction_through(&self, pixel: Vec2) -> Vec3 {
+        self.to_direction * pixel.extend(1.0)
+    }
+
+    /// Columns and rows.
+    pub fn size(&self) -> [u32; 2] {
+        [self.width, self.height]
+    }
+
+    /// Side of a pixel at the distance of the object's middle, object units.
+    pub fn footprint(&self) -> f32 {
+        self.to_direction.x_axis.length() * self.center.length()
+    }
+
+    /// As a graphics processor knows it.
+    #[cfg(feature = "gpu")]
+    pub fn photograph(&self) -> crate::gpu::Photograph {
+        crate::gpu::Photograph {
+            center: self.center.to_array(),
+            to_direction: self.to_direction.to_cols_array(),
+            projection: self.projection.to_cols_array(),
+            offset: self.offset.to_array(),
+            size: [self.width, self.height],
+        }
+    }
+
+    /// Its pixels in a word each: red, green and blue from the lowest byte on, and 1 in the highest on the object.
+    #[cfg(feature = "gpu")]
+    pub fn packed_pixels(&self) -> impl Iterator<Item = u32> {
+        (0..).zip(self.colors).map(|(index, &[red, green, blue])| {
+            let object = self.mask.is_object(index % self.width, index / self.width);
+            u32::from_le_bytes([red, green, blue, u8::from(object)])
+        })
+    }
+
+    /// The z-depth of each pixel, `f32::MAX` where nothing was measured.
+    #[cfg(feature = "gpu")]
+    pub fn z_depths(&self) -> impl Iterator<Item = f32> {
+        let measured = |index: usize| self.z_depth.get(index).copied().filter(|depth| depth.is_finite());
+        (0..self.colors.len()).map(move |index| measured(index).unwrap_or(f32::MAX))
+    }
+
+    /// Brightness of a pixel; `None` out of the frame and off the object.
+    pub fn brightness(&self, u: u32, v: u32) -> Option<f32> {
+        if u >= self.width || v >= self.height || !self.mask.is_object(u, v) {
+            return None;
+        }
+        let [r, g, b] = self.colors[(v * self.width + u) as usize].map(f32::from);
+        Some((r + g + b) / (3.0 * 255.0))
+    }
+
+    /// Colour of a pixel; `None` out of the frame and off the object.
+    pub fn object_color(&self, u: u32, v: u32) -> Option<Vec3> {
+        let is_object = u < self.width && v < self.height && self.mask.is_object(u, v);
+        is_object.then(|| color(self.colors[(v * self.width + u) as usize]))
+    }
+
+    /// Pixel coordinates and z-depth of a point.
+    pub fn project(&self, point: Vec3) -> (Vec2, f32) {
+        let q = self.projection * point + self.offset;
+        (Vec2::new(q.x, q.y) / q.z, q.z)
+    }
+
+    /// The colour at the projection of a point, and its derivative as the point moves along `direction`; `None` where
+    /// the view does not show the object in all four pixels around.
+    pub fn reproject(&self, point: Vec3, direction: Vec3) -> Option<Reprojection> {
+        let (pixel, z) = self.project(point);
+        if z <= 0.0 {
+            return None;
+        }
+        let (x, y) = (pixel.x - 0.5, pixel.y - 0.5);
+        if !(x >= 0.0 && y >= 0.0 && x < (self.width - 1) as f32 && y < (self.height - 1) as f32) {
+            return None;
+        }
+        let (u, v) = (x as u32, y as u32);
+        let quad = [(u, v), (u + 1, v), (u, v + 1), (u + 1, v + 1)];
+        if !quad.iter().all(|&(u, v)| self.mask.is_object(u, v)) {
+            return None;
+        }
+        let [a, b, c, d] = quad.map(|(u, v)| color(self.colors[(v * self.width + u) as usize]));
+        let (s, t) = (x.fract(), y.fract());
+        let (top, bottom) = (a + (b - a) * s, c + (d - c) * s);
+        let (by_x, by_y) = ((b - a) + ((d - c) - (b - a)) * t, bottom - top);
+        let moved = self.projection * direction;
+        let flow = (Vec2::new(moved.x, moved.y) - pixel * moved.z) / z;
+        Some(Reprojection { color: top + (bottom - top) * t, derivative: by_x * flow.x + by_y * flow.y })
+    }
+}
+
+/// A pixel's colour.
+fn color(pixel: [u8; 3]) -> Vec3 {
+    Vec3::from(pixel.map(f32::from)) / 255.0
+}
+
+/// The pixels that have something to teach, in an order that visits each once before any twice.
+#[derive(Clone, Debug)]
+pub(crate) struct PixelOrder {
+    /// Runs of neighbouring pixels, view after view: how many pixels come before, view, index of the first pixel.
+    runs: Vec<(u64, u32, u32)>,
+    total: u64,
+    stride: u64,
+}
+
+impl PixelOrder {
+    /// Takes the pixels of each mask and those within `margin` pixels of it.
+    pub fn new(views: &[&View], masks: &[MaskDistance], margin: impl Fn(usize) -> f32) -> Self {
+        let (mut runs, mut total) = (Vec::new(), 0);
+        for (i, (view, mask)) in views.iter().zip(masks).enumerate() {
+            let (width, height) = view.image.dimensions();
+            let margin = margin(i);
+            let near = |&index: &u32| {
+                let (u, v) = (index % width, index / width);
+                view.mask.is_object(u, v) || mask.of_pixel(u, v) > -margin
+            };
+            let mut expected = None;
+            for index in (0..width * height).filter(near) {
+                if expected != Some(index) {
+                    runs.push((total, i as u32, index));
+                }
+                expected = Some(index + 1);
+                total += 1;
+            }
+        }
+        Self { runs, total, stride: coprime_near(0.618_034 * total as f64, total) }
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.total == 0
+    }
+
+    /// The view and pixel index that come `count`th; `seed` shifts each pass through the pixels.
+    pub fn pick(&self, count: u64, seed: u64) -> (u32, u32) {
+        let total = self.total;
+        let (pass, within) = (count / total, count % total);
+        let shift = mix(seed ^ pass.wrapping_mul(0x9e37_79b9_7f4a_7c15)) % total;
+        let index = ((u128::from(within) * u128::from(self.stride) + u128::from(shift)) % u128::from(total)) as u64;
+        let (before, view, first) = self.runs[self.runs.partition_point(|&(before, ..)| before <= index) - 1];
+        (view, first + (index - before) as u32)
+    }
+}
+
+/// The number near `wanted` that has no factor in common with `total`.
+fn coprime_near(wanted: f64, total: u64) -> u64 {
+    let gcd = |mut a: u64, mut b: u64| {
+        while b > 0 {
+            (a, b) = (b, a % b);
+        }
+        a
+    };
+    (wanted as u64..).find(|&n| gcd(n.max(1), total.max(1)) == 1).unwrap_or(1).max(1)
+}
+
+/// A hash whose outputs look random (Steele et al. 2014, SplitMix64).
+pub(crate) fn mix(seed: u64) -> u64 {
+    let mut z = seed.wrapping_add(0x9e37_79b9_7f4a_7c15);
+    z = (z ^ z >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ z >> 31
+}

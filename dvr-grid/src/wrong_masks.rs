@@ -1,0 +1,67 @@
+//! Masks that are wrong as a whole: their views are left out.
+
+use dvr_core::hull::wrong_masks;
+use dvr_core::{Camera, Mask, UnitCube};
+
+use crate::config::{DisagreeingViews, GridConfig};
+use crate::error::Result;
+use dvr_core::ViewSplit;
+
+/// Takes views out whose masks show something else than most of the others; says which.
+///
+/// # Errors
+/// When a mask has another size than its view's picture.
+pub(crate) fn leave_out_wrong_masks(views: &mut ViewSplit, config: &GridConfig) -> Result<Vec<String>> {
+    if config.disagreeing_views != DisagreeingViews::Auto {
+        return Ok(Vec::new());
+    }
+    let pairs: Vec<(&Camera, &Mask)> = views.train.iter().map(|view| (&view.camera, &view.mask)).collect();
+    let wrong = wrong_masks(&pairs, UnitCube::default().into())?;
+    let mut notes = Vec::with_capacity(wrong.len());
+    // From the last on, so that the places of the others hold.
+    for &view in wrong.iter().rev() {
+        let name = &views.train.remove(view).name;
+        notes.push(format!("the mask of view `{name}` shows something else than the others; the view is left out"));
+    }
+    notes.reverse();
+    Ok(notes)
+}
+
+#[cfg(test)]
+mod tests {
+    use dvr_core::mesh::{TexturedMesh, shapes};
+    use dvr_core::synth::{MeshRenderer, SynthConfig, place_cameras};
+    use dvr_core::{Split, View, stored};
+
+    use super::*;
+
+    /// Sixteen views of a ball.
+    fn views() -> Vec<View> {
+        let ball = TexturedMesh { mesh: shapes::icosphere(3, 0.3), ..TexturedMesh::default() };
+        let config = SynthConfig { views: 16, samples_per_axis: 2, ..SynthConfig::default() };
+        let renderer = MeshRenderer::new(&ball, &config);
+        let view = |(i, camera): (usize, Camera)| {
+            let picture = renderer.render(&camera, i as u64);
+            let image = stored(picture.image);
+            View { name: i.to_string(), camera, image, mask: picture.mask, depth: None, split: Split::Train }
+        };
+        place_cameras(&config).into_iter().enumerate().map(view).collect()
+    }
+
+    #[test]
+    fn a_view_whose_mask_shows_something_else_is_left_out_unless_all_are_to_be_believed() {
+        let mut views = views();
+        let left = |views: &[View], config: &GridConfig| {
+            let mut split = ViewSplit { train: views.iter().collect(), held_out: Vec::new() };
+            let notes = leave_out_wrong_masks(&mut split, config).unwrap();
+            (split.train.len(), notes)
+        };
+        assert_eq!(left(&views, &GridConfig::default()), (16, vec![]));
+        views[6].mask.coverage.pixels_mut().for_each(|pixel| pixel.0[0] = 255 - pixel.0[0]);
+        views[9].mask.coverage.fill(0);
+        let (count, notes) = left(&views, &GridConfig::default());
+        assert!(count == 14 && notes[0].contains("view `6`") && notes[1].contains("view `9`"), "{notes:?}");
+        let trusting = GridConfig { disagreeing_views: DisagreeingViews::Exactly(0), ..GridConfig::default() };
+        assert_eq!(left(&views, &trusting), (16, vec![]));
+    }
+}

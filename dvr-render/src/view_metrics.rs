@@ -1,0 +1,53 @@
+//! How well a field, or a mesh, explains views that it was not made from.
+
+use crate::shade::Shader;
+use dvr_core::{Ray, View};
+use serde::{Deserialize, Serialize};
+
+/// ViewMetrics with held-out pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ViewMetrics {
+    /// Peak signal-to-noise ratio in dB, both pictures on white.
+    pub psnr: f64,
+    /// Intersection over union of the silhouettes.
+    pub mask_iou: f64,
+    /// How many pixels were compared.
+    pub pixels: usize,
+}
+
+/// Compares what a shader shows with views on an even subset of at most about `max_pixels` of their pixels; `None`
+/// without views.
+pub fn view_metrics(shader: &dyn Shader, views: &[&View], max_pixels: usize) -> Option<ViewMetrics> {
+    let pixels = pixel_subset(views, max_pixels);
+    let rays: Vec<Ray> = pixels.iter().map(|&(view, u, v)| views[view].camera.pixel_ray(u, v)).collect();
+    let (mut squared, mut intersection, mut union) = (0.0, 0usize, 0usize);
+    for (&(view, u, v), predicted) in pixels.iter().zip(shader.shade(&rays)) {
+        let object = views[view].mask.is_object(u, v);
+        let truth = if object { views[view].image.get_pixel(u, v).0.map(|c| f32::from(c) / 255.0) } else { [1.0; 3] };
+        let shown = predicted.map_or([1.0; 3], |shaded| shaded.color);
+        squared += truth.iter().zip(shown).map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>() / 3.0;
+        intersection += usize::from(object && predicted.is_some());
+        union += usize::from(object || predicted.is_some());
+    }
+    let count = pixels.len();
+    (count > 0).then(|| ViewMetrics {
+        psnr: -10.0 * (squared / count as f64).max(1e-12).log10(),
+        mask_iou: if union == 0 { 1.0 } else { intersection as f64 / union as f64 },
+        pixels: count,
+    })
+}
+
+/// Every `k`-th pixel of all views together, in a fixed order; `k` is odd so that it does not fall on one column.
+fn pixel_subset(views: &[&View], max_pixels: usize) -> Vec<(usize, u32, u32)> {
+    let total: usize = views.iter().map(|v| v.image.width() as usize * v.image.height() as usize).sum();
+    let stride = total.div_ceil(max_pixels.max(1)).max(1) | 1;
+    views
+        .iter()
+        .enumerate()
+        .flat_map(|(i, view)| {
+            let (width, height) = view.image.dimensions();
+            (0..height).flat_map(move |v| (0..width).map(move |u| (i, u, v)))
+        })
+        .step_by(stride)
+        .collect()
+}
