@@ -1,11 +1,11 @@
 #!/bin/sh
-# A ShapeNet-like dataset of furniture: some 370 objects in 12 categories, split by object, ready for `dvr train`.
+# A ShapeNet-like dataset of furniture: about 360 objects in 12 categories, split by object, ready for `dvr train`.
 #
 #     scripts/furniture.sh OUT [further arguments of `dvr synth`]
 #
 # The meshes are those of the Debian package `sweethome3d-furniture` (Creative Commons, CC0 or BY 3.0 by model; see its copyright file), which is
-# downloaded but not installed. Needs apt-get, dpkg-deb, unzip, and `dvr` on the PATH (or in $DVR). Stopped, it can be
-# started again and goes on: objects that are there already are kept. OUT/meshes holds the unpacked models, OUT/data the dataset.
+# downloaded but not installed. Needs apt-get, dpkg-deb, unzip, and `dvr` on the PATH (or in $DVR). An interrupted run goes on when it is
+# started again: objects that are there are kept. OUT/meshes holds the unpacked models, OUT/data the dataset.
 set -eu
 
 [ $# -ge 1 ] || { sed -n '2,8s/^# \{0,1\}//p' "$0" >&2; exit 2; }
@@ -64,13 +64,13 @@ for pack in "$packages"/usr/share/sweethome3d/furniture/*.sh3f; do
         folder=$out/meshes/$category/$name
         [ -f "$folder/$name.obj" ] && continue
         mkdir -p "$folder"
-        # Materials and textures lie beside the mesh; they keep their names, the mesh gets one of its own.
+        # Materials and textures lie beside the mesh and keep their names; the mesh is renamed.
         unzip -q -o -j "$pack" "$(dirname "$model")/*" -d "$folder"
         mv "$folder/$(basename "$model")" "$folder/$name.obj"
     done
 done
 
-# From all sides, the default: what no view sees from below would be left to chance.
+# Views from all sides (the default): a side that no view sees has no defined shape.
 for category in "$out"/meshes/*; do
     "$dvr" synth "$category"/*/*.obj --category "$(basename "$category")" --out "$out/data" "$@"
 done

@@ -1,6 +1,6 @@
 #!/bin/sh
-# Scenes that no setting was chosen on: one piece of furniture of each category of `furniture.sh`, rendered as a bad photographer would take it
-# (highlights, hard shadows, pixel noise, exposures that differ), and the default beside the visual hull on all of them.
+# Scenes that no setting was chosen on: one piece of furniture of each category of `furniture.sh`, rendered under bad light (highlights, hard
+# shadows, pixel noise, exposures that differ). Runs the default and the visual hull on all of them.
 #
 #     scripts/furniture_scenes.sh FURNITURE OUT [further arguments of `dvr bench`]
 #
