@@ -34,6 +34,26 @@ pub enum Error {
         /// What the user can do about it, one sentence with its full stop.
         remedy: String,
     },
+    /// Views have no mask, and what was asked for needs one of each.
+    #[error(
+        "{} no mask. Give each picture an alpha channel, put a mask of the same name (white on the object) into a folder \
+         `mask` or `masks` beside the images, or take what differs from a plain background (white, black, or each \
+         picture's border) as the object.",
+        listed(views)
+    )]
+    MasksMissing {
+        /// Names of the views, in the order of the scene.
+        views: Vec<String>,
+    },
+}
+
+/// Some names with their verb: "view `a` has", "views `a`, `b`, `c` and 3 more have".
+fn listed(views: &[String]) -> String {
+    let first: Vec<String> = views.iter().take(3).map(|name| format!("`{name}`")).collect();
+    let more = views.len().saturating_sub(first.len());
+    let (noun, verb) = if views.len() == 1 { ("view", "has") } else { ("views", "have") };
+    let rest = if more > 0 { format!(" and {more} more") } else { String::new() };
+    format!("{noun} {}{rest} {verb}", first.join(", "))
 }
 
 impl Error {

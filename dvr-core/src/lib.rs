@@ -14,7 +14,7 @@
 //! let scene = read_scene(&folder.path().join("rings/torus"), &ReadOptions::default())?;
 //!
 //! // What no mask rules out contains the object.
-//! let views: Vec<_> = scene.views.iter().map(|view| (&view.camera, &view.mask)).collect();
+//! let views: Vec<_> = scene.views.iter().filter_map(|view| view.training_pair()).collect();
 //! let hull = VisualHull::carve(&views, Bounds::UNIT_CUBE, 32, &HullSettings::default())?;
 //! println!("{} views; the hull fills {:.0} % of the cube", scene.views.len(), 100.0 * hull.volume());
 //! # Ok::<(), Box<dyn std::error::Error>>(())
@@ -30,9 +30,11 @@ mod error;
 pub mod files;
 pub mod hull;
 pub mod inside;
+mod mask_refinement;
 pub mod mesh;
 pub mod metrics;
 pub mod npz;
+mod paged_images;
 mod pixels;
 mod points;
 mod raster;
@@ -50,11 +52,12 @@ pub mod voxel;
 pub use bvh::{Bvh, RayHit};
 pub use camera::{Camera, Similarity};
 pub use error::{Error, Result};
+pub use mask_refinement::{MaskReport, RefinedView, refine_masks};
 pub use pixels::{GrayPicture, Picture, PixelStore, stored};
 pub use points::{OccupancySamples, PointCloud};
 pub use raster::{DepthMap, Mask};
 pub use ray::{Ray, UnitCube};
-pub use scene::{GroundTruth, Scene, SparsePoints, Split, View};
+pub use scene::{GroundTruth, MaskSource, Scene, SparsePoints, Split, View};
 pub use srgb::{linear_to_srgb, srgb_to_linear};
 pub use supervision::Supervision;
 pub use view_split::ViewSplit;

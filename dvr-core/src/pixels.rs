@@ -39,6 +39,13 @@ pub(crate) fn with_pixels<P: Pixel<Subpixel = u8>>(
     ImageBuffer::from_raw(width, height, store).unwrap_or_default()
 }
 
+impl PixelStore {
+    /// Whether the bytes lie in a scratch file.
+    pub fn is_paged(&self) -> bool {
+        matches!(self, Self::Scratch(_))
+    }
+}
+
 impl Default for PixelStore {
     fn default() -> Self {
         Self::Memory(Vec::new())

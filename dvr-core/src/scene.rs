@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use glam::DVec3;
 
 use crate::camera::{Camera, Similarity};
+use crate::error::{Error, Result};
 use crate::pixels::Picture;
 use crate::points::{OccupancySamples, PointCloud};
 use crate::raster::{DepthMap, Mask};
@@ -21,6 +22,18 @@ pub enum Split {
     Test,
 }
 
+/// What a mask was made from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum MaskSource {
+    /// A picture of its own.
+    #[default]
+    File,
+    /// The photograph's alpha channel.
+    Alpha,
+    /// The photograph's difference from a plain background.
+    Background,
+}
+
 /// One posed photograph, in object space.
 #[derive(Clone, Debug)]
 pub struct View {
@@ -30,12 +43,62 @@ pub struct View {
     pub camera: Camera,
     /// sRGB colours as the file holds them, not multiplied by alpha.
     pub image: Picture,
-    /// Where the object is.
-    pub mask: Mask,
+    /// Where the object is, as the files say; `None` where they do not. Figures are measured against this mask.
+    pub mask: Option<Mask>,
+    /// What [`refine_masks`](crate::refine_masks) made of `mask`; `None` where it changed nothing.
+    pub refined_mask: Option<Mask>,
+    /// What `mask` was made from, where there is one.
+    pub mask_source: MaskSource,
     /// Measured z-depth in object units.
     pub depth: Option<DepthMap>,
     /// What the dataset says the view is for.
     pub split: Split,
+}
+
+impl View {
+    /// A view to train on, whose mask, if any, comes from a file; without depth.
+    pub fn new(name: impl Into<String>, camera: Camera, image: Picture, mask: impl Into<Option<Mask>>) -> Self {
+        Self {
+            name: name.into(),
+            camera,
+            image,
+            mask: mask.into(),
+            refined_mask: None,
+            mask_source: MaskSource::File,
+            depth: None,
+            split: Split::Train,
+        }
+    }
+
+    /// The mask that training uses: the refined one where there is one, else the one given.
+    pub fn training_mask(&self) -> Option<&Mask> {
+        self.refined_mask.as_ref().or(self.mask.as_ref())
+    }
+
+    /// The camera with the mask that training uses; `None` without a mask.
+    pub fn training_pair(&self) -> Option<(&Camera, &Mask)> {
+        self.training_mask().map(|mask| (&self.camera, mask))
+    }
+
+    /// Whether pixel `(u, v)` shows the object by the mask as given; nothing does without a mask.
+    pub fn is_object(&self, u: u32, v: u32) -> bool {
+        self.mask.as_ref().is_some_and(|mask| mask.is_object(u, v))
+    }
+
+    /// Whether pixel `(u, v)` shows the object by the mask that training uses; nothing does without a mask.
+    pub fn is_training_object(&self, u: u32, v: u32) -> bool {
+        self.training_mask().is_some_and(|mask| mask.is_object(u, v))
+    }
+}
+
+/// Checks that every view has a mask.
+///
+/// # Errors
+/// [`Error::MasksMissing`] naming the views that have none.
+pub(crate) fn require_masks<'a>(views: impl IntoIterator<Item = &'a View>) -> Result<()> {
+    let without = views.into_iter().filter(|view| view.mask.is_none());
+    let views: Vec<String> = without.map(|view| view.name.clone()).collect();
+    if views.is_empty() { Ok(()) } else { Err(Error::MasksMissing { views }) }
 }
 
 /// What is known of the true shape, in object space. For evaluation only: training never looks at it.
@@ -81,6 +144,14 @@ impl Scene {
     /// The views of one split, in order.
     pub fn views_of(&self, split: Split) -> impl Iterator<Item = &View> {
         self.views.iter().filter(move |view| view.split == split)
+    }
+
+    /// Checks that every view has a mask: for methods that cannot do without.
+    ///
+    /// # Errors
+    /// [`Error::MasksMissing`] naming the views that have none.
+    pub fn require_masks(&self) -> Result<()> {
+        require_masks(&self.views)
     }
 
     /// The direction that is up in most of the pictures, in object space; +y where they disagree.

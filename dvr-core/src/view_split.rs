@@ -1,9 +1,9 @@
 //! Which views are trained on, and which are not.
 
 use crate::error::{Error, Result};
-use crate::scene::{Scene, Split, View};
+use crate::scene::{Scene, Split, View, require_masks};
 
-/// The views of a scene, divided into those that teach and those that judge.
+/// The views of a scene, divided into those that are trained on and those that are not.
 #[derive(Clone, Debug)]
 pub struct ViewSplit<'a> {
     /// Trained on.
@@ -33,5 +33,13 @@ impl<'a> ViewSplit<'a> {
             ));
         }
         Ok(Self { train, held_out })
+    }
+
+    /// Checks that every view has a mask: for methods that cannot do without.
+    ///
+    /// # Errors
+    /// [`Error::MasksMissing`] naming the views that have none.
+    pub fn require_masks(&self) -> Result<()> {
+        require_masks(self.train.iter().chain(&self.held_out).copied())
     }
 }

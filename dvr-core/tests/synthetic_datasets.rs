@@ -248,7 +248,7 @@ fn the_reader_finds_what_was_rendered() {
         let (a, b) = (ray.direction.length_squared(), ray.origin.dot(ray.direction));
         let z = (-b - (b * b - a * (1.5 * 1.5 - 0.45 * 0.45)).sqrt()) / a;
         assert!((f64::from(depth.get(34, 30)) - z).abs() < 1e-3);
-        assert!(view.mask.is_object(34, 30) && depth.get(0, 0) == f32::INFINITY);
+        assert!(view.is_object(34, 30) && depth.get(0, 0) == f32::INFINITY);
     }
     let surface = scene.ground_truth.surface.unwrap();
     assert!(surface.points.iter().all(|p| (p.length() - 0.45).abs() < 1e-3));

@@ -88,12 +88,15 @@ impl<'a> GridTrainer<'a> {
     /// Starts from the visual hull.
     ///
     /// # Errors
-    /// When the configuration does not make sense, or the masks show no object.
+    /// When the configuration does not make sense, a view has no mask, or the masks show no object.
     pub fn new(mut views: ViewSplit<'a>, config: GridConfig) -> Result<Self> {
         config.check()?;
+        views.require_masks()?;
         let notes = leave_out_wrong_masks(&mut views, &config)?;
-        let masks: Vec<MaskDistance> =
-            views.train.par_iter().map(|view| MaskDistance::new(&view.camera, &view.mask)).collect();
+        let masks: Vec<MaskDistance> = (views.train.par_iter())
+            .filter_map(|view| view.training_pair())
+            .map(|(camera, mask)| MaskDistance::new(camera, mask))
+            .collect();
         let packed = TrainingView::pack(&views.train, config.neighbours);
         let grid = padded_cube(config.first_cells);
         let carving = carve(&masks, &packed, &grid, &config);

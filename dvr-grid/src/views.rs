@@ -18,7 +18,8 @@ pub(crate) struct TrainingView<'a> {
     height: u32,
     /// Red, green and blue.
     colors: &'a [[u8; 3]],
-    mask: &'a Mask,
+    /// Where the object is; `None` shows none.
+    mask: Option<&'a Mask>,
     /// Measured z-depth; empty without.
     z_depth: &'a [f32],
     /// Views that look at the object from close by, nearest first.
@@ -74,10 +75,15 @@ impl<'a> TrainingView<'a> {
             width,
             height,
             colors: view.image.as_raw().as_chunks().0,
-            mask: &view.mask,
+            mask: view.training_mask(),
             z_depth: view.depth.as_ref().map_or(&[], |depth| &depth.z_depth),
             neighbours: Vec::new(),
         }
+    }
+
+    /// Whether a pixel shows the object.
+    fn is_object(&self, u: u32, v: u32) -> bool {
+        self.mask.is_some_and(|mask| mask.is_object(u, v))
     }
 
     /// The ray of a pixel, by its index in the image; `view` is this view's index.
@@ -88,7 +94,7 @@ impl<'a> TrainingView<'a> {
             pixel: [u, v],
             direction: self.direction(u, v),
             color: color(self.colors[index as usize]),
-            object: self.mask.is_object(u, v),
+            object: self.is_object(u, v),
             z_depth: self.z_depth.get(index as usize).copied().unwrap_or(f32::NAN),
         }
     }
@@ -129,7 +135,7 @@ impl<'a> TrainingView<'a> {
     #[cfg(feature = "gpu")]
     pub fn packed_pixels(&self) -> impl Iterator<Item = u32> {
         (0..).zip(self.colors).map(|(index, &[red, green, blue])| {
-            let object = self.mask.is_object(index % self.width, index / self.width);
+            let object = self.is_object(index % self.width, index / self.width);
             u32::from_le_bytes([red, green, blue, u8::from(object)])
         })
     }
@@ -143,7 +149,7 @@ impl<'a> TrainingView<'a> {
 
     /// Brightness of a pixel; `None` out of the frame and off the object.
     pub fn brightness(&self, u: u32, v: u32) -> Option<f32> {
-        if u >= self.width || v >= self.height || !self.mask.is_object(u, v) {
+        if u >= self.width || v >= self.height || !self.is_object(u, v) {
             return None;
         }
         let [r, g, b] = self.colors[(v * self.width + u) as usize].map(f32::from);
@@ -152,7 +158,7 @@ impl<'a> TrainingView<'a> {
 
     /// Colour of a pixel; `None` out of the frame and off the object.
     pub fn object_color(&self, u: u32, v: u32) -> Option<Vec3> {
-        let is_object = u < self.width && v < self.height && self.mask.is_object(u, v);
+        let is_object = u < self.width && v < self.height && self.is_object(u, v);
         is_object.then(|| color(self.colors[(v * self.width + u) as usize]))
     }
 
@@ -175,7 +181,7 @@ impl<'a> TrainingView<'a> {
         }
         let (u, v) = (x as u32, y as u32);
         let quad = [(u, v), (u + 1, v), (u, v + 1), (u + 1, v + 1)];
-        if !quad.iter().all(|&(u, v)| self.mask.is_object(u, v)) {
+        if !quad.iter().all(|&(u, v)| self.is_object(u, v)) {
             return None;
         }
         let [a, b, c, d] = quad.map(|(u, v)| color(self.colors[(v * self.width + u) as usize]));
@@ -211,7 +217,7 @@ impl PixelOrder {
             let margin = margin(i);
             let near = |&index: &u32| {
                 let (u, v) = (index % width, index / width);
-                view.mask.is_object(u, v) || mask.of_pixel(u, v) > -margin
+                view.is_training_object(u, v) || mask.of_pixel(u, v) > -margin
             };
             let mut expected = None;
             for index in (0..width * height).filter(near) {

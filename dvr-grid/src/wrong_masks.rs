@@ -7,7 +7,7 @@ use crate::config::{DisagreeingViews, GridConfig};
 use crate::error::Result;
 use dvr_core::ViewSplit;
 
-/// Takes views out whose masks show something else than most of the others; says which.
+/// Takes views out whose masks show something else than most of the others; says which. Every view has a mask.
 ///
 /// # Errors
 /// When a mask has another size than its view's picture.
@@ -15,7 +15,7 @@ pub(crate) fn leave_out_wrong_masks(views: &mut ViewSplit, config: &GridConfig) 
     if config.disagreeing_views != DisagreeingViews::Auto {
         return Ok(Vec::new());
     }
-    let pairs: Vec<(&Camera, &Mask)> = views.train.iter().map(|view| (&view.camera, &view.mask)).collect();
+    let pairs: Vec<(&Camera, &Mask)> = views.train.iter().filter_map(|view| view.training_pair()).collect();
     let wrong = wrong_masks(&pairs, UnitCube::default().into())?;
     let mut notes = Vec::with_capacity(wrong.len());
     // From the last on, so that the places of the others hold.
@@ -31,7 +31,7 @@ pub(crate) fn leave_out_wrong_masks(views: &mut ViewSplit, config: &GridConfig) 
 mod tests {
     use dvr_core::mesh::{TexturedMesh, shapes};
     use dvr_core::synth::{MeshRenderer, SynthConfig, place_cameras};
-    use dvr_core::{Split, View, stored};
+    use dvr_core::{View, stored};
 
     use super::*;
 
@@ -43,7 +43,7 @@ mod tests {
         let view = |(i, camera): (usize, Camera)| {
             let picture = renderer.render(&camera, i as u64);
             let image = stored(picture.image);
-            View { name: i.to_string(), camera, image, mask: picture.mask, depth: None, split: Split::Train }
+            View::new(i.to_string(), camera, image, picture.mask)
         };
         place_cameras(&config).into_iter().enumerate().map(view).collect()
     }
@@ -57,8 +57,8 @@ mod tests {
             (split.train.len(), notes)
         };
         assert_eq!(left(&views, &GridConfig::default()), (16, vec![]));
-        views[6].mask.coverage.pixels_mut().for_each(|pixel| pixel.0[0] = 255 - pixel.0[0]);
-        views[9].mask.coverage.fill(0);
+        views[6].mask.as_mut().unwrap().coverage.pixels_mut().for_each(|pixel| pixel.0[0] = 255 - pixel.0[0]);
+        views[9].mask.as_mut().unwrap().coverage.fill(0);
         let (count, notes) = left(&views, &GridConfig::default());
         assert!(count == 14 && notes[0].contains("view `6`") && notes[1].contains("view `9`"), "{notes:?}");
         let trusting = GridConfig { disagreeing_views: DisagreeingViews::Exactly(0), ..GridConfig::default() };

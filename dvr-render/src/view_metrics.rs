@@ -16,13 +16,14 @@ pub struct ViewMetrics {
 }
 
 /// Compares what a shader shows with views on an even subset of at most about `max_pixels` of their pixels; `None`
-/// without views.
+/// without views. The object is where masks as given say; views without a mask are left out.
 pub fn view_metrics(shader: &dyn Shader, views: &[&View], max_pixels: usize) -> Option<ViewMetrics> {
-    let pixels = pixel_subset(views, max_pixels);
+    let views: Vec<&View> = views.iter().copied().filter(|view| view.mask.is_some()).collect();
+    let pixels = pixel_subset(&views, max_pixels);
     let rays: Vec<Ray> = pixels.iter().map(|&(view, u, v)| views[view].camera.pixel_ray(u, v)).collect();
     let (mut squared, mut intersection, mut union) = (0.0, 0usize, 0usize);
     for (&(view, u, v), predicted) in pixels.iter().zip(shader.shade(&rays)) {
-        let object = views[view].mask.is_object(u, v);
+        let object = views[view].is_object(u, v);
         let truth = if object { views[view].image.get_pixel(u, v).0.map(|c| f32::from(c) / 255.0) } else { [1.0; 3] };
         let shown = predicted.map_or([1.0; 3], |shaded| shaded.color);
         squared += truth.iter().zip(shown).map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>() / 3.0;

@@ -47,7 +47,7 @@ pub struct ViewPictures {
     /// SSIM of these pictures.
     pub ssim: f64,
     /// Intersection over union of the silhouettes in these pictures.
-    pub mask_iou: f64,
+    pub mask_iou: Option<f64>,
 }
 
 /// Shades a view in at most `max_width` pixels and compares.
@@ -62,9 +62,10 @@ pub fn view_pictures(shader: &dyn Shader, view: &View, max_width: u32) -> Result
     let photo = whitened(view);
     let photo =
         if photo.dimensions() == (width, height) { photo } else { resize(&photo, width, height, FilterType::Triangle) };
-    let coverage =
-        GrayImage::from_fn(view.mask.size().0, view.mask.size().1, |u, v| *view.mask.coverage.get_pixel(u, v));
-    let mask = Mask::from(resize(&coverage, width, height, FilterType::Triangle));
+    let mask = view.mask.as_ref().map(|mask| {
+        let coverage = GrayImage::from_fn(mask.size().0, mask.size().1, |u, v| *mask.coverage.get_pixel(u, v));
+        Mask::from(resize(&coverage, width, height, FilterType::Triangle))
+    });
     let normal = normal_picture(&rendering, &camera);
     let silhouette = &rendering.mask;
     let clear = |picture: &dyn Fn(u32, u32) -> Rgb<u8>| {
@@ -83,7 +84,7 @@ pub fn view_pictures(shader: &dyn Shader, view: &View, max_width: u32) -> Result
         error: webp(&error_map(&photo, &render))?,
         psnr: psnr(&render, &photo, None)?,
         ssim: ssim(&render, &photo)?,
-        mask_iou: mask_iou(silhouette, &mask)?,
+        mask_iou: mask.map(|mask| mask_iou(silhouette, &mask)).transpose()?,
         photo: jpeg(&photo)?,
         render: jpeg(&render)?,
     })
@@ -153,7 +154,7 @@ fn blend(scale: &[[f32; 3]], share: f32) -> Rgb<u8> {
 #[cfg(test)]
 mod tests {
     use dvr_core::mesh::shapes;
-    use dvr_core::{Camera, Split, stored};
+    use dvr_core::{Camera, stored};
     use dvr_render::MeshShader;
     use glam::DVec3;
 
@@ -165,16 +166,9 @@ mod tests {
         let shader = MeshShader::new(&mesh);
         let camera = Camera::look_at(48, 36, 50.0, 2.0 * DVec3::Z, DVec3::ZERO, DVec3::Y);
         let silhouette = render_view(&shader, &camera).mask;
-        let view = |image: RgbImage| View {
-            name: "front".into(),
-            camera: camera.clone(),
-            image: stored(image),
-            mask: silhouette.clone(),
-            depth: None,
-            split: Split::Test,
-        };
+        let view = |image: RgbImage| View::new("front", camera.clone(), stored(image), silhouette.clone());
         let right = view_pictures(&shader, &view(RgbImage::from_pixel(48, 36, Rgb([255; 3]))), 480).unwrap();
-        assert_eq!((right.size, right.mask_iou), ((48, 36), 1.0));
+        assert_eq!((right.size, right.mask_iou), ((48, 36), Some(1.0)));
         assert!(right.psnr.is_infinite() && right.photo.starts_with("data:image/jpeg;base64,"));
         let [near, far] = right.depth_range.unwrap();
         assert!((near - 1.6).abs() < 0.02 && far < 2.0, "{near} {far}");

@@ -227,6 +227,7 @@ fn one_view(view: &ViewPictures, scale: f64, first: bool) -> String {
         )
     };
     let psnr = if view.psnr.is_finite() { format!("{:.2} dB", view.psnr) } else { "no difference".into() };
+    let iou = view.mask_iou.map_or("unknown".into(), |iou| format!("{iou:.4}"));
     format!(
         "<div class=\"view\" style=\"--aspect:{width}/{height}\"{}><div class=\"compare\" \
          style=\"aspect-ratio:{width}/{height}\">\
@@ -238,7 +239,7 @@ fn one_view(view: &ViewPictures, scale: f64, first: bool) -> String {
          is shown\"></div>\
          <div class=\"maps\">{}{}{}</div>\
          <p class=\"figures\">view <b>{name}</b> at {width}\u{d7}{height}: PSNR <b>{psnr}</b>, SSIM <b>{:.3}</b>, \
-         silhouette IoU <b>{:.4}</b></p></div>",
+         silhouette IoU <b>{iou}</b></p></div>",
         if first { "" } else { " hidden" },
         view.photo,
         view.render,
@@ -250,7 +251,6 @@ fn one_view(view: &ViewPictures, scale: f64, first: bool) -> String {
         map(&view.depth, &depth, "In units of the scene: near is yellow, far is violet"),
         map(&view.normal, "Normals", "In the camera's frame: red to the right, green up, blue towards it"),
         view.ssim,
-        view.mask_iou,
     )
 }
 

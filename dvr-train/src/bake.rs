@@ -64,7 +64,7 @@ fn sample(view: &View, pixel: DVec2) -> Option<[f32; 3]> {
     let mut color = [0.0; 3];
     for (du, dv, weight) in [(0, 0, (1.0 - s) * (1.0 - t)), (1, 0, s * (1.0 - t)), (0, 1, (1.0 - s) * t), (1, 1, s * t)]
     {
-        if !view.mask.is_object(u + du, v + dv) {
+        if !view.is_training_object(u + du, v + dv) {
             return None;
         }
         let pixel = view.image.get_pixel(u + du, v + dv).0;
@@ -91,7 +91,7 @@ fn weighted_median(sights: &[Shown], channel: usize) -> f32 {
 #[cfg(test)]
 mod tests {
     use dvr_core::mesh::shapes;
-    use dvr_core::{Camera, Mask, Split, stored};
+    use dvr_core::{Camera, Mask, stored};
     use glam::{DVec3, Vec3};
 
     use super::*;
@@ -106,7 +106,7 @@ mod tests {
             pixel.0[0] = if closest.length() < 0.4 { 255 } else { 0 };
         }
         let image = stored(image::RgbImage::from_pixel(60, 60, image::Rgb(color)));
-        View { name: format!("{eye}"), camera, image, mask: Mask::from(mask), depth: None, split: Split::Train }
+        View::new(format!("{eye}"), camera, image, Mask::from(mask))
     }
 
     fn ball() -> Mesh {

@@ -98,7 +98,7 @@ impl Pixels {
                 let (u, v) = (patch.u + du, patch.v + dv);
                 self.rays.push(view.camera.pixel_ray(u, v));
                 self.color.extend(view.image.get_pixel(u, v).0.map(|c| f32::from(c) / 255.0));
-                self.object.push(view.mask.is_object(u, v));
+                self.object.push(view.is_training_object(u, v));
                 self.z_depth.push(view.depth.as_ref().map_or(f32::INFINITY, |depth| depth.get(u, v)));
             }
         }
@@ -192,7 +192,7 @@ fn draw_patch(views: &[&View], size: u32, on_object: bool, rng: &mut impl Rng) -
         let u = rng.random_range(0..width.saturating_sub(size - 1).max(1));
         let v = rng.random_range(0..height.saturating_sub(size - 1).max(1));
         patch = Patch { view, u, v };
-        if on_object && views[view].mask.is_object(u, v) {
+        if on_object && views[view].is_training_object(u, v) {
             break;
         }
     }

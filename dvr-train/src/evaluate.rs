@@ -79,13 +79,14 @@ pub fn evaluate_views(
 ) -> Result<Vec<ViewEvaluation>> {
     let mut results = Vec::with_capacity(views.len());
     for view in views {
+        let Some(mask) = &view.mask else { continue };
         let rendering = render_view(shader, &view.camera);
         let (predicted, truth) = (to_rgb8(&rendering.color), whitened(view));
         results.push(ViewEvaluation {
             view: view.name.clone(),
             psnr: psnr(&predicted, &truth, None)?,
             ssim: ssim(&predicted, &truth)?,
-            mask_iou: mask_iou(&rendering.mask, &view.mask)?,
+            mask_iou: mask_iou(&rendering.mask, mask)?,
         });
         progress(results.len());
     }

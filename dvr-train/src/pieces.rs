@@ -71,7 +71,7 @@ fn is_shown(places: &[DVec3], large: &Bvh, views: &[&View]) -> bool {
             if depth <= 0.0 || !camera.sees(pixel) {
                 continue;
             }
-            let is_object = view.mask.is_object(pixel.x as u32, pixel.y as u32);
+            let is_object = view.is_training_object(pixel.x as u32, pixel.y as u32);
             outside += usize::from(!is_object);
             let ray = Ray { origin: camera.center(), direction: place - camera.center() };
             alone += usize::from(is_object && !large.any_hit(&ray, 0.0, f64::INFINITY));
@@ -85,8 +85,8 @@ fn is_shown(places: &[DVec3], large: &Bvh, views: &[&View]) -> bool {
 #[cfg(test)]
 mod tests {
     use dvr_core::mesh::shapes::{icosphere, union};
+    use dvr_core::stored;
     use dvr_core::synth::{MeshRenderer, SynthConfig, place_cameras};
-    use dvr_core::{Split, stored};
     use glam::Vec3;
 
     use super::*;
@@ -107,7 +107,7 @@ mod tests {
             .map(|(i, camera)| {
                 let picture = renderer.render(&camera, i as u64);
                 let image = stored(picture.image);
-                View { name: i.to_string(), camera, image, mask: picture.mask, depth: None, split: Split::Train }
+                View::new(i.to_string(), camera, image, picture.mask)
             })
             .collect();
         let views: Vec<&View> = views.iter().collect();

@@ -51,7 +51,7 @@ pub fn limited(camera: &Camera, max_width: u32) -> Camera {
 /// The view's photograph with everything but the object white.
 pub fn whitened(view: &View) -> RgbImage {
     RgbImage::from_fn(view.image.width(), view.image.height(), |u, v| {
-        if view.mask.is_object(u, v) { *view.image.get_pixel(u, v) } else { Rgb([255; 3]) }
+        if view.is_object(u, v) { *view.image.get_pixel(u, v) } else { Rgb([255; 3]) }
     })
 }
 

@@ -234,6 +234,7 @@ pub fn train(
     observer: &mut dyn Observer,
 ) -> Result<Trained> {
     method.check()?;
+    scene.require_masks()?;
     let start = Instant::now();
     let views = ViewSplit::new(scene, method.hold_out_every())?;
     let held_out: Vec<String> = views.held_out.iter().map(|view| view.name.clone()).collect();

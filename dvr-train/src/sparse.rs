@@ -46,21 +46,16 @@ impl SparseTargets {
 
 #[cfg(test)]
 mod tests {
-    use dvr_core::{Camera, GroundTruth, Mask, PointCloud, Similarity, SparsePoints, Split, stored};
+    use dvr_core::{Camera, GroundTruth, Mask, PointCloud, Similarity, SparsePoints, stored};
     use glam::{DVec3, Vec3};
     use rand::SeedableRng;
 
     use super::*;
 
     fn view(name: &str, eye: DVec3) -> View {
-        View {
-            name: name.into(),
-            camera: Camera::look_at(20, 20, 25.0, eye, DVec3::ZERO, DVec3::Y),
-            image: stored(image::RgbImage::new(20, 20)),
-            mask: Mask::from(image::GrayImage::new(20, 20)),
-            depth: None,
-            split: Split::Train,
-        }
+        let camera = Camera::look_at(20, 20, 25.0, eye, DVec3::ZERO, DVec3::Y);
+        let mask = Mask::from(image::GrayImage::new(20, 20));
+        View::new(name, camera, stored(image::RgbImage::new(20, 20)), mask)
     }
 
     fn scene() -> Scene {

@@ -78,7 +78,7 @@ pub fn warm_start<F: Field + Module>(
 /// # Errors
 /// When a mask has another size than its camera's image.
 pub fn carve_hull(views: &[&View], resolution: usize) -> Result<VisualHull> {
-    let pairs: Vec<_> = views.iter().map(|view| (&view.camera, &view.mask)).collect();
+    let pairs: Vec<_> = views.iter().filter_map(|view| view.training_pair()).collect();
     let settings = HullSettings { max_disagreeing: views.len() / 20, ..HullSettings::default() };
     Ok(VisualHull::carve(&pairs, UnitCube::default().into(), resolution, &settings)?)
 }

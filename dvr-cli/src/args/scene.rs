@@ -24,10 +24,10 @@ pub struct SceneArgs {
     /// How much a pixel must differ from the plain background, of 255
     #[arg(long, default_value_t = 12, requires = "background", value_name = "LEVEL")]
     pub background_threshold: u8,
-    /// Take masks as they are. Without, mask files are mended where the photograph's colours show that they leave out
-    /// parts of the object, or have a rim of background
+    /// Train on masks as they are. Without, mask files are refined for training where the photograph's colours show that
+    /// they leave out parts of the object, or have a rim of background; figures always use masks as they are
     #[arg(long)]
-    pub trust_masks: bool,
+    pub no_mask_refinement: bool,
     /// Use at most this many training views, spread evenly
     #[arg(long, value_name = "N")]
     pub views: Option<usize>,
@@ -68,7 +68,6 @@ impl SceneArgs {
             downscale: self.downscale,
             background: self.background.map(|color| Background { color, threshold: self.background_threshold }),
             n_views: self.views,
-            trust_masks: self.trust_masks,
             ignored_views: self.ignore.clone(),
             normalise: match self.normalise {
                 NormaliseArg::Auto => Normalise::Auto,

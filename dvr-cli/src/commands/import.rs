@@ -5,12 +5,12 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
 use dvr_core::Similarity;
-use dvr_core::dataset::{Normalise, ObjectOptions, ReadOptions, is_object_dataset, read_scene};
+use dvr_core::dataset::{Normalise, ObjectOptions, is_object_dataset, read_scene};
 use dvr_core::npz::NpzFile;
 use dvr_model::{ImportedNetwork, PytorchCheckpoint, read_pytorch};
 use dvr_train::{ImportOptions, ImportedScene, OriginalConfig, RunFolder, import};
 
-use super::print_notes;
+use super::{SceneReading, print_notes};
 use crate::args::ImportArgs;
 use crate::backend::Backend;
 
@@ -96,7 +96,9 @@ fn read_codes(path: &Path) -> Result<Vec<Vec<f32>>> {
 
 /// The scene or dataset of the run. Object space is that of the files, as the original takes it.
 fn scene_of(data: &Path, args: &ImportArgs, config: Option<&OriginalConfig>) -> Result<ImportedScene> {
-    let mut options = ReadOptions { normalise: Normalise::Files, ..args.reading.read_options() };
+    let mut reading = SceneReading::of_arguments(&args.reading);
+    let options = &mut reading.options;
+    options.normalise = Normalise::Files;
     if let Some(config) = config {
         options.visual_hull_depth |= config.reading.visual_hull_depth;
         options.ignored_views.extend(config.reading.ignored_views.clone());
@@ -110,6 +112,6 @@ fn scene_of(data: &Path, args: &ImportArgs, config: Option<&OriginalConfig>) -> 
             object_to_world: Similarity::default(),
         });
     }
-    let object_to_world = read_scene(data, &options)?.object_to_world;
-    Ok(ImportedScene { path, reading: serde_json::to_value(options)?, object_to_world })
+    let object_to_world = read_scene(data, options)?.object_to_world;
+    Ok(ImportedScene { path, reading: serde_json::to_value(reading)?, object_to_world })
 }

@@ -23,12 +23,14 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use burn::tensor::Device;
-use dvr_core::Scene;
 use dvr_core::dataset::{Normalise, ReadOptions, read_scene};
+use dvr_core::{MaskReport, Scene, refine_masks};
 use dvr_render::extract::{Contour, ExtractSettings};
 use dvr_train::{Checkpoint, ColorSource, MeshOptions, Model, RefinedCameras, RunFolder};
 
-use crate::args::{Colors, ContourName, MeshingArgs, SurfaceArgs};
+use serde::{Deserialize, Serialize};
+
+use crate::args::{Colors, ContourName, MeshingArgs, SceneArgs, SurfaceArgs};
 
 /// Cells along an edge of a scene's mesh.
 pub const SCENE_RESOLUTION: u32 = 256;
@@ -37,6 +39,36 @@ pub const SCENE_RESOLUTION: u32 = 256;
 pub fn load_run(path: &Path) -> Result<Checkpoint> {
     let checkpoint = if path.is_dir() { RunFolder::new(path).load() } else { Checkpoint::load(path) };
     Ok(checkpoint?)
+}
+
+/// How a run read its scene, as its checkpoint stores it.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct SceneReading {
+    /// How the files were read.
+    #[serde(flatten)]
+    pub options: ReadOptions,
+    /// Whether masks were refined then.
+    #[serde(default)]
+    pub refine_masks: bool,
+}
+
+impl SceneReading {
+    /// As the arguments say.
+    pub fn of_arguments(args: &SceneArgs) -> Self {
+        Self { options: args.read_options(), refine_masks: !args.no_mask_refinement }
+    }
+
+    /// Reads the scene, and refines its masks where that is wanted.
+    pub fn read(&self, path: &Path) -> Result<(Scene, MaskReport)> {
+        let mut scene = read_scene(path, &self.options)?;
+        let report = if self.refine_masks { refine_masks(&mut scene)? } else { MaskReport::default() };
+        Ok((scene, report))
+    }
+}
+
+/// What became of a scene's masks, and how to keep them as they are.
+pub fn refinement_notes(report: &MaskReport) -> Vec<String> {
+    report.notes().iter().map(|note| format!("{note}; --no-mask-refinement takes masks as they are")).collect()
 }
 
 /// The field of a run: of its scene, or of the object that was chosen among those that it knows by their codes.
@@ -51,8 +83,9 @@ pub fn load_model(checkpoint: &Checkpoint, object: Option<usize>, device: &Devic
 /// `memory` where that is said.
 pub fn scene_of_run(checkpoint: &Checkpoint, moved: Option<&PathBuf>, memory: Option<u64>) -> Result<Scene> {
     let header = &checkpoint.header;
-    let mut options: ReadOptions =
+    let mut reading: SceneReading =
         serde_json::from_value(header.reading.clone()).context("the checkpoint does not say how its scene was read")?;
+    let options = &mut reading.options;
     options.max_memory = memory.or(options.max_memory);
     let is_unknown = header.scene.as_os_str().is_empty();
     // An imported network has the object space of the files, as the original takes it.
@@ -62,7 +95,7 @@ pub fn scene_of_run(checkpoint: &Checkpoint, moved: Option<&PathBuf>, memory: Op
         None if is_unknown => bail!("the run was imported without its scene: say with --data where it lies"),
         None => &header.scene,
     };
-    let mut scene = read_scene(path, &options).with_context(|| format!("the run's scene, {}", path.display()))?;
+    let (mut scene, _) = reading.read(path).with_context(|| format!("the run's scene, {}", path.display()))?;
     RefinedCameras::apply(&header.cameras, &mut scene);
     Ok(scene)
 }

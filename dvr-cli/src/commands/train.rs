@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use anyhow::{Context, Result, bail};
 use burn::tensor::Device;
 use cpu_time::ProcessTime;
-use dvr_core::dataset::{Format, is_object_dataset, read_scene, write_transforms};
+use dvr_core::dataset::{Format, is_object_dataset, write_transforms};
 use dvr_core::{Camera, Scene, Split, View};
 use dvr_report::SourceRun;
 use dvr_train::{
@@ -16,7 +16,7 @@ use dvr_train::{
     train,
 };
 
-use super::{SCENE_RESOLUTION, mesh_options, print_notes, scene_of_run, train_objects};
+use super::{SCENE_RESOLUTION, SceneReading, mesh_options, print_notes, refinement_notes, scene_of_run, train_objects};
 use crate::EXIT_INTERRUPTED;
 use crate::args::{CapacityArg, MethodName, TrainArgs};
 use crate::commands::eval::print_shape;
@@ -63,10 +63,13 @@ fn train_scene(args: &TrainArgs, folder: &RunFolder, config: Method, resumed: Op
         }
         None => {
             let Some(path) = &args.scene else { bail!("no scene was given") };
-            let options = args.reading.read_options();
-            (read_scene(path, &options)?, serde_json::to_value(options)?)
+            let reading = SceneReading::of_arguments(&args.reading);
+            let (scene, refined) = reading.read(path)?;
+            print_notes(&refinement_notes(&refined));
+            (scene, serde_json::to_value(reading)?)
         }
     };
+    scene.require_masks()?;
     check_supervision(&scene, &config)?;
     describe(&scene, &config)?;
     prepare(folder, args, &config)?;

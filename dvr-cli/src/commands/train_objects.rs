@@ -68,10 +68,10 @@ fn refuse_scene_options(reading: &SceneArgs, on_gpu: bool) -> Result<()> {
         max_memory: given.max_memory.filter(|_| on_gpu),
         ..ReadOptions::default()
     };
-    if given != shared {
+    if given != shared || reading.no_mask_refinement {
         bail!(
-            "--downscale, --background, --views, --ignore, --normalise and (without --backend gpu) --memory are for \
-             single scenes; objects of a dataset are read as they are"
+            "--downscale, --background, --no-mask-refinement, --views, --ignore, --normalise and (without --backend gpu) \
+             --memory are for single scenes; objects of a dataset are read as they are"
         );
     }
     Ok(())

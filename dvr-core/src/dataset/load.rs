@@ -8,15 +8,14 @@ use rayon::prelude::*;
 
 use super::downscale::{downscale_camera, downscale_depth, downscale_image, downscale_mask};
 use super::found::{Coordinates, Found, FoundView, Place, Projection};
-use super::masks::{mask_from_background, no_mask};
-use super::mend::{Mended, mend_mask, take_rims};
+use super::masks::mask_from_background;
 use super::options::ReadOptions;
-use super::shelf::Shelf;
 use crate::error::{Error, Result};
 use crate::files::{Photo, read_depth_exr, read_mask, read_photo};
+use crate::paged_images::PagedImages;
 use crate::pixels::stored;
 use crate::raster::{DepthMap, Mask};
-use crate::scene::{Split, View};
+use crate::scene::{MaskSource, Split, View};
 
 /// Drops the views that `options` leaves out, and renumbers the visibility of sparse points.
 ///
@@ -70,7 +69,7 @@ fn first_names(found: &Found) -> String {
 /// a scratch file.
 ///
 /// # Errors
-/// Those of the view that comes first: a file missing or damaged, no mask, sizes that differ, an unusable camera, no
+/// Those of the view that comes first: a file missing or damaged, sizes that differ, an unusable camera, no
 /// room for the scratch file.
 pub(super) fn load_views(found: &mut Found, options: &ReadOptions) -> Result<Vec<View>> {
     if options.downscale == 0 {
@@ -83,18 +82,9 @@ pub(super) fn load_views(found: &mut Found, options: &ReadOptions) -> Result<Vec
     };
     let mirrored = |view: &FoundView| center.is_some_and(|center| view.projection.mirrors(center));
     // A view is put away by the thread that decoded it, so no more are decoded at a time than there are threads.
-    let shelf = Shelf::new(options.max_memory);
-    // Views that judge are not touched; and a picture's own alpha channel, or its background, knows no better than its
-    // colours.
-    let mends = |view: &FoundView| {
-        view.mask.is_some() && options.background.is_none() && !options.trust_masks && view.split != Split::Test
-    };
-    let load = |found_view| {
-        let mut view = load_view(found_view, mirrored(found_view), &found.cameras, options)?;
-        let mended = if mends(found_view) { mend_mask(&mut view) } else { Mended::default() };
-        Ok((shelf.put(view)?, mended))
-    };
-    let loaded: Vec<Result<(View, Mended)>> = found.views.par_iter().map(load).collect();
+    let paged = PagedImages::new(options.max_memory);
+    let load = |found_view| paged.keep_view(load_view(found_view, mirrored(found_view), &found.cameras, options)?);
+    let loaded: Vec<Result<View>> = found.views.par_iter().map(load).collect();
     let n_mirrored = found.views.iter().filter(|view| mirrored(view)).count();
     if n_mirrored > 0 {
         found.warnings.push(format!(
@@ -102,37 +92,7 @@ pub(super) fn load_views(found: &mut Found, options: &ReadOptions) -> Result<Vec
             found.views.len()
         ));
     }
-    let mut loaded: Vec<(View, Mended)> = loaded.into_iter().collect::<Result<_>>()?;
-    let looked_at = found.views.iter().filter(|view| mends(view)).count();
-    let are_taken = take_rims(&mut loaded, looked_at);
-    tell_mended(
-        found,
-        &loaded,
-        |mended| mended.given_back,
-        "leave out what photographs show to be the object; it was given back",
-    );
-    if are_taken {
-        tell_mended(
-            found,
-            &loaded,
-            |mended| mended.rim.len(),
-            "have a rim that photographs show to be background; it was taken away",
-        );
-    }
-    Ok(loaded.into_iter().map(|(view, _)| view).collect())
-}
-
-/// Tells in how many masks, and how many pixels, something was mended, if in any.
-fn tell_mended(found: &mut Found, loaded: &[(View, Mended)], count: fn(&Mended) -> usize, what: &str) {
-    let pixels: Vec<usize> = loaded.iter().map(|(_, mended)| count(mended)).filter(|&pixels| pixels > 0).collect();
-    if !pixels.is_empty() {
-        found.warnings.push(format!(
-            "{} of {} masks {what} ({} pixels; --trust-masks takes masks as they are)",
-            pixels.len(),
-            loaded.len(),
-            pixels.iter().sum::<usize>()
-        ));
-    }
+    loaded.into_iter().collect()
 }
 
 /// Reads one view, in the files' space, with depth in its units; `cameras` is the file to name where its camera is
@@ -143,11 +103,11 @@ fn tell_mended(found: &mut Found, loaded: &[(View, Mended)], count: fn(&Mended) 
 pub(super) fn load_view(view: &FoundView, mirrored: bool, cameras: &Path, options: &ReadOptions) -> Result<View> {
     let Photo { mut image, mut alpha } = read_photo(&view.image)?;
     let (width, height) = image.dimensions();
-    let mut mask = match (options.background, &view.mask, &alpha) {
-        (Some(background), _, _) => mask_from_background(&image, background),
-        (None, Some(path), _) => read_mask(path)?,
-        (None, None, Some(alpha)) => alpha.clone(),
-        (None, None, None) => return Err(no_mask(&view.image)),
+    let (mut mask, mask_source) = match (options.background, &view.mask, &alpha) {
+        (Some(background), _, _) => (Some(mask_from_background(&image, background)), MaskSource::Background),
+        (None, Some(path), _) => (Some(read_mask(path)?), MaskSource::File),
+        (None, None, Some(alpha)) => (Some(alpha.clone()), MaskSource::Alpha),
+        (None, None, None) => (None, MaskSource::default()),
     };
     let mut depth = view.depth.as_ref().map(|path| read_depth_exr(path)).transpose()?;
     let same_size = |path: &Path, what: &str, size: (u32, u32)| {
@@ -160,15 +120,18 @@ pub(super) fn load_view(view: &FoundView, mirrored: bool, cameras: &Path, option
             format!("Make both the same size (the picture is {}).", view.image.display()),
         ))
     };
-    same_size(view.mask.as_ref().unwrap_or(&view.image), "mask", mask.size())?;
+    if let Some(mask) = &mask {
+        same_size(view.mask.as_ref().unwrap_or(&view.image), "mask", mask.size())?;
+    }
     if let (Some(path), Some(depth)) = (&view.depth, &depth) {
         same_size(path, "depth map", (depth.width, depth.height))?;
     }
     let mut projection = view.projection;
     if mirrored {
         imageops::flip_horizontal_in_place(&mut image);
-        imageops::flip_horizontal_in_place(&mut mask.coverage);
-        alpha.iter_mut().for_each(|alpha| imageops::flip_horizontal_in_place(&mut alpha.coverage));
+        for mask in mask.iter_mut().chain(&mut alpha) {
+            imageops::flip_horizontal_in_place(&mut mask.coverage);
+        }
         depth.iter_mut().for_each(flip_depth);
         projection = flip_projection(projection, width);
     }
@@ -188,11 +151,12 @@ pub(super) fn load_view(view: &FoundView, mirrored: bool, cameras: &Path, option
             ));
         }
         image = downscale_image(&image, alpha.as_ref(), factor);
-        mask = downscale_mask(&mask, factor);
+        mask = mask.map(|mask| downscale_mask(&mask, factor));
         depth = depth.map(|depth| downscale_depth(&depth, factor));
         camera = downscale_camera(&camera, factor);
     }
-    Ok(View { name: view.name.clone(), camera, image: stored(image), mask, depth, split: view.split })
+    let split = view.split;
+    Ok(View { depth, split, mask_source, ..View::new(view.name.as_str(), camera, stored(image), mask) })
 }
 
 fn flip_depth(depth: &mut DepthMap) {
@@ -208,20 +172,26 @@ fn flip_projection(projection: Projection, width: u32) -> Projection {
     projection.then(DMat3::from_cols(DVec3::new(-1.0, 0.0, 0.0), DVec3::Y, DVec3::new(last, 0.0, 1.0)))
 }
 
-/// Refuses a scene that shows no object, and tells of single views that do not, or that show nothing else.
+/// Refuses a scene whose masks show no object; warns of views without a mask, and of masks that show no object or
+/// nothing else.
 ///
 /// # Errors
-/// [`Error::Scene`] where every mask is empty.
+/// [`Error::Scene`] where there are masks and all are empty.
 pub(super) fn check_masks(found: &mut Found, views: &[View]) -> Result<()> {
     let named = |test: &dyn Fn(&Mask) -> bool| -> Vec<&str> {
-        views.iter().filter(|view| test(&view.mask)).map(|view| view.name.as_str()).collect()
+        let tested = views.iter().filter(|view| view.mask.as_ref().is_some_and(test));
+        tested.map(|view| view.name.as_str()).collect()
     };
     let empty = named(&|mask| mask.object_pixels() == 0);
-    if empty.len() == views.len() {
+    let masks = views.iter().filter(|view| view.mask.is_some()).count();
+    if masks > 0 && empty.len() == masks {
         return Err(Error::scene(
-            format!("{}: all {} masks are empty", found.root.display(), views.len()),
+            format!("{}: all {masks} masks are empty", found.root.display()),
             "A mask is white (or opaque) where the object is: check that masks are not inverted or of another kind.",
         ));
+    }
+    if masks < views.len() {
+        found.warnings.push(format!("{} of {} views have no mask", views.len() - masks, views.len()));
     }
     let full = named(&|mask| mask.object_pixels() == mask.coverage.len());
     for (names, what) in [(empty, "marks no object"), (full, "marks every pixel as object")] {

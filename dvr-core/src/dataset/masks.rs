@@ -6,7 +6,7 @@ use image::{GrayImage, Luma, RgbImage};
 
 use super::options::{Background, BackgroundColor};
 use super::pairing::{partners, pictures, sub_folder};
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::raster::Mask;
 
 /// Names of the folder of masks.
@@ -15,22 +15,12 @@ pub(super) const MASK_FOLDERS: [&str; 4] = ["mask", "masks", "silhouette", "silh
 /// The mask file of each image, where `root` has a folder of masks. Images are given relative to theirs.
 ///
 /// # Errors
-/// [`Error::Io`] where the folder cannot be listed.
+/// [`Error::Io`](crate::Error::Io) where the folder cannot be listed.
 pub(super) fn find_masks(root: &Path, images: &[PathBuf]) -> Result<Vec<Option<PathBuf>>> {
     match sub_folder(root, &MASK_FOLDERS) {
         Some(folder) => partners(images, &folder, pictures()),
         None => Ok(vec![None; images.len()]),
     }
-}
-
-/// What to say where a picture has no mask.
-pub(super) fn no_mask(image: &Path) -> Error {
-    Error::format(
-        image,
-        "this picture has no mask",
-        "Give it an alpha channel, put a mask of the same name (white on the object) into a folder `mask` or `masks` \
-         beside the images, or name the plain background to tell it by (white, black or border).",
-    )
 }
 
 /// Marks the pixels that differ from a plain background. Parts of the object in the colour of the background, and
@@ -87,14 +77,6 @@ mod tests {
             for (u, v, _) in image.enumerate_pixels() {
                 assert_eq!(mask.is_object(u, v), inside(u, v), "{color:?} at {u}, {v}");
             }
-        }
-    }
-
-    #[test]
-    fn a_picture_without_mask_is_told_three_ways_to_get_one() {
-        let message = no_mask(Path::new("image/07.jpg")).to_string();
-        for way in ["image/07.jpg", "alpha", "`mask`", "background"] {
-            assert!(message.contains(way), "{message}");
         }
     }
 }

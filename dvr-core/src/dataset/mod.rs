@@ -25,14 +25,12 @@ mod input_picture;
 mod load;
 mod masks;
 mod matrices;
-mod mend;
 mod middlebury;
 mod object_dataset;
 mod objects;
 mod options;
 mod pairing;
 mod place;
-mod shelf;
 mod transforms;
 mod write_transforms;
 

@@ -140,7 +140,7 @@ impl ObjectDataset {
     /// Reads one view, in object space.
     ///
     /// # Errors
-    /// Where one of its files is missing or damaged, sizes differ, or the camera is unusable.
+    /// Where one of its files is missing or damaged, sizes differ, the camera is unusable, or there is no mask.
     pub fn read_view(&self, object: usize, view: usize) -> Result<View> {
         let files = self.files(object)?;
         let names = &files.names.views[view];
@@ -155,7 +155,12 @@ impl ObjectDataset {
             projection,
             split: Split::Train,
         };
-        load_view(&found, projection.mirrors(DVec3::ZERO), &full(&files.names.cameras), &ReadOptions::default())
+        let cameras = full(&files.names.cameras);
+        let view = load_view(&found, projection.mirrors(DVec3::ZERO), &cameras, &ReadOptions::default())?;
+        if view.mask.is_none() {
+            return Err(Error::MasksMissing { views: vec![found.image.display().to_string()] });
+        }
+        Ok(view)
     }
 
     /// Reads a picture for the encoder: the object on white, square, `size` pixels wide.

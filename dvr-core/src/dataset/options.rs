@@ -129,9 +129,6 @@ pub struct ReadOptions {
     pub n_views: Option<usize>,
     /// Views to leave out, by name, or by number in the order of the files, from 0.
     pub ignored_views: Vec<String>,
-    /// Take the masks as they are. Without, mask files (of views that are not for testing) are mended where the photograph
-    /// shows, by its colours, that they leave out parts of the object or have a rim of background.
-    pub trust_masks: bool,
     /// Who says where the object is.
     pub normalise: Normalise,
     /// DVR layout: take depth from `visual_hull_depth/`, even where there is a `depth/`.
@@ -150,7 +147,6 @@ impl Default for ReadOptions {
             background: None,
             n_views: None,
             ignored_views: Vec::new(),
-            trust_masks: false,
             normalise: Normalise::Auto,
             visual_hull_depth: false,
             max_memory: None,

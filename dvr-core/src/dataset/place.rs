@@ -5,10 +5,11 @@ use rayon::prelude::*;
 
 use super::found::{Found, Place};
 use super::options::Normalise;
-use crate::camera::Similarity;
+use crate::camera::{Camera, Similarity};
 use crate::error::{Error, Result};
-use crate::hull::normalisation;
+use crate::hull::{normalisation, normalisation_by_cameras};
 use crate::points::PointCloud;
+use crate::raster::Mask;
 use crate::ray::UnitCube;
 use crate::scene::View;
 
@@ -71,8 +72,15 @@ pub(super) fn into_object_space(found: &mut Found, views: &mut [View], normalise
     Ok(compose(&found.files_to_world, &object_to_files))
 }
 
+/// Finds the object by its masks; where no view has one, by what all cameras look at.
 fn by_masks(views: &[View]) -> Result<(Similarity, Vec<String>)> {
-    let views: Vec<_> = views.iter().map(|view| (&view.camera, &view.mask)).collect();
+    if views.iter().all(|view| view.mask.is_none()) {
+        let cameras: Vec<&Camera> = views.iter().map(|view| &view.camera).collect();
+        let warning =
+            "without masks, the unit cube is what most pictures show around the point that all cameras look at";
+        return Ok((normalisation_by_cameras(&cameras)?, vec![warning.to_owned()]));
+    }
+    let views: Vec<_> = views.iter().map(|view| (&view.camera, view.mask.as_ref())).collect();
     normalisation(&views).map(|found| (found.object_to_world, found.warnings))
 }
 
@@ -91,7 +99,8 @@ pub(super) fn check_cube(views: &[View], warnings: &mut Vec<String>) {
     let (outside, all) = views
         .par_iter()
         .map(|view| {
-            let object = view.mask.coverage.enumerate_pixels().filter(|(_, _, coverage)| coverage.0[0] >= 128);
+            let pixels = view.mask.iter().flat_map(|mask| mask.coverage.enumerate_pixels());
+            let object = pixels.filter(|(_, _, coverage)| coverage.0[0] >= 128);
             object.fold((0usize, 0usize), |(outside, all), (u, v, _)| {
                 (outside + usize::from(cube.intersect(&view.camera.pixel_ray(u, v)).is_none()), all + 1)
             })
@@ -112,9 +121,12 @@ pub(super) fn check_cube(views: &[View], warnings: &mut Vec<String>) {
 pub(super) fn keep_points_on_object(found: &mut Found, views: &[View]) {
     let Some(sparse) = &mut found.sparse_points else { return };
     let cube = UnitCube { padding: 0.0 };
+    // A view without a mask has nothing against a point that it sees.
     let on_mask = |point: Vec3, view: usize| {
-        let (pixel, z) = views[view].camera.project(point.as_dvec3());
-        z > 0.0 && views[view].camera.sees(pixel) && views[view].mask.is_object(pixel.x as u32, pixel.y as u32)
+        let view = &views[view];
+        let (pixel, z) = view.camera.project(point.as_dvec3());
+        let is_object = |mask: &Mask| mask.is_object(pixel.x as u32, pixel.y as u32);
+        z > 0.0 && view.camera.sees(pixel) && view.mask.as_ref().is_none_or(is_object)
     };
     let keep: Vec<bool> = sparse
         .cloud

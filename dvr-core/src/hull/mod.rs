@@ -15,7 +15,7 @@ use glam::DVec3;
 
 pub use consistency::silhouette_consistency;
 pub use distance::{MaskDistance, hull_distance};
-pub use normalisation::{Normalisation, normalisation};
+pub use normalisation::{Normalisation, normalisation, normalisation_by_cameras};
 pub use wrong_masks::wrong_masks;
 
 use crate::camera::Camera;

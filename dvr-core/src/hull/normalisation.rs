@@ -48,26 +48,29 @@ pub struct Normalisation {
 /// Of the hulls that explain the masks, the one is taken whose points are seen by the most views (all, three quarters,
 /// half, ...): otherwise the hull of an object that leaves the pictures would have spurs to infinity, where no other
 /// view looks. If the strict hull explains the masks badly, some views are allowed to disagree, and a warning names
-/// those that stand out.
+/// those that stand out. Views without a mask do not count.
 ///
 /// # Errors
 /// When fewer than two views show the object, all look along one line, or no place agrees with most of the masks; the
 /// message then names the views that disagree most with the others.
-pub fn normalisation(views: &[(&Camera, &Mask)]) -> Result<Normalisation> {
-    let shown: Vec<usize> = (0..views.len()).filter(|&i| views[i].1.object_pixels() > 0).collect();
+pub fn normalisation(views: &[(&Camera, Option<&Mask>)]) -> Result<Normalisation> {
+    let masks: Vec<(usize, &Camera, &Mask)> =
+        (views.iter().enumerate()).filter_map(|(i, (camera, mask))| mask.map(|mask| (i, *camera, mask))).collect();
+    let (shown, empty): (Vec<_>, Vec<_>) = masks.into_iter().partition(|(_, _, mask)| mask.object_pixels() > 0);
     if shown.len() < 2 {
         return Err(Error::scene(
-            format!("{} of {} masks show an object", shown.len(), views.len()),
+            format!("{} of {} masks show an object", shown.len(), shown.len() + empty.len()),
             "At least two views must show it: check that the masks are white where the object is.",
         ));
     }
     let mut warnings = Vec::new();
-    if shown.len() < views.len() {
-        let empty: Vec<usize> = (0..views.len()).filter(|i| !shown.contains(i)).collect();
+    if !empty.is_empty() {
+        let empty: Vec<usize> = empty.iter().map(|(i, ..)| *i).collect();
         warnings
             .push(format!("{} an empty mask and did not help to find the object", name_views(&empty, "has", "have")));
     }
-    let views: Vec<(&Camera, &Mask)> = shown.iter().map(|&i| views[i]).collect();
+    let views: Vec<(&Camera, &Mask)> = shown.iter().map(|(_, camera, mask)| (*camera, *mask)).collect();
+    let shown: Vec<usize> = shown.iter().map(|(i, ..)| *i).collect();
     let silhouettes = Silhouette::all(&views)?;
     let region = starting_region(&views)?;
 
@@ -83,6 +86,50 @@ pub fn normalisation(views: &[(&Camera, &Mask)]) -> Result<Normalisation> {
     Ok(Normalisation { object_to_world, bounds, warnings })
 }
 
+/// The cube around the point that all cameras look at, as large as most pictures show it in full: what is left to say
+/// without masks. The similarity takes the unit cube to the world without rotation.
+///
+/// # Errors
+/// When all cameras look along the same direction, or away from each other.
+pub fn normalisation_by_cameras(cameras: &[&Camera]) -> Result<Similarity> {
+    let middle = |camera: &Camera| 0.5 * DVec2::new(f64::from(camera.width), f64::from(camera.height));
+    let axes: Vec<(DVec3, DVec3)> = (cameras.iter())
+        .map(|camera| {
+            let ray = camera.ray(middle(camera));
+            (ray.origin, ray.direction.normalize())
+        })
+        .collect();
+    let center = nearest_to_rays(&axes).ok_or_else(parallel)?;
+    let mut radii: Vec<f64> = (cameras.iter())
+        .filter_map(|camera| {
+            let focal = camera.intrinsics.x_axis.x.max(camera.intrinsics.y_axis.y);
+            let z = camera.project(center).1;
+            (z > 0.0).then(|| z * middle(camera).min_element() / focal)
+        })
+        .collect();
+    radii.sort_by(f64::total_cmp);
+    match radii.get(radii.len() / 2) {
+        Some(&radius) if radius.is_finite() && radius > 0.0 => {
+            Ok(Similarity { scale: 2.0 * radius, rotation: DQuat::IDENTITY, translation: center })
+        }
+        _ => Err(behind()),
+    }
+}
+
+fn parallel() -> Error {
+    Error::scene(
+        "all cameras look along the same direction, so nothing tells how far the object is",
+        "Add views from other sides, or check the cameras.",
+    )
+}
+
+fn behind() -> Error {
+    Error::scene(
+        "the object would lie behind the cameras",
+        "Check that the cameras look along +z (OpenCV), and that the poses are not inverted.",
+    )
+}
+
 /// The cube in which the search begins: around the point nearest to the rays through the masks' centroids, as large
 /// as the masks' extents say.
 fn starting_region(views: &[(&Camera, &Mask)]) -> Result<Bounds> {
@@ -95,12 +142,7 @@ fn starting_region(views: &[(&Camera, &Mask)]) -> Result<Bounds> {
             (ray.origin, ray.direction.normalize())
         })
         .collect();
-    let center = nearest_to_rays(&rays).ok_or_else(|| {
-        Error::scene(
-            "all cameras look along the same direction, so nothing tells how far the object is",
-            "Add views from other sides, or check the cameras.",
-        )
-    })?;
+    let center = nearest_to_rays(&rays).ok_or_else(parallel)?;
     let mut radii: Vec<f64> = views
         .iter()
         .zip(&extents)
@@ -113,10 +155,7 @@ fn starting_region(views: &[(&Camera, &Mask)]) -> Result<Bounds> {
     radii.sort_by(f64::total_cmp);
     match radii.get(radii.len() / 2) {
         Some(&radius) if radius.is_finite() && radius > 0.0 => Ok(Bounds::cube(center, 1.25 * radius)),
-        _ => Err(Error::scene(
-            "the object would lie behind the cameras",
-            "Check that the cameras look along +z (OpenCV), and that the poses are not inverted.",
-        )),
+        _ => Err(behind()),
     }
 }
 

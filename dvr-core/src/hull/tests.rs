@@ -171,6 +171,11 @@ fn check_box(found: &Normalisation, truth: Bounds, tolerance: f64) {
     assert!((found.bounds.max - truth.max).abs().max_element() < slack, "{:?} against {truth:?}", found.bounds);
 }
 
+/// Every view with its mask.
+fn some_masks<'a>(pairs: &[(&'a Camera, &'a Mask)]) -> Vec<(&'a Camera, Option<&'a Mask>)> {
+    pairs.iter().map(|(camera, mask)| (*camera, Some(*mask))).collect()
+}
+
 #[test]
 fn an_object_is_found_in_any_units_and_at_any_place() {
     for (scale, offset) in [(1.0, 0.0), (0.07, 1000.0), (3e4, -1e6), (1e-6, 0.0)] {
@@ -183,7 +188,7 @@ fn an_object_is_found_in_any_units_and_at_any_place() {
         let target = center + scale * DVec3::new(0.2, 0.1, -0.1);
         let cameras = cameras(30, 200, target, 2.5 * scale);
         let masks: Vec<Mask> = cameras.iter().map(|c| mask(c, cuboid(truth))).collect();
-        let found = normalisation(&pairs(&cameras, &masks)).unwrap();
+        let found = normalisation(&some_masks(&pairs(&cameras, &masks))).unwrap();
         assert!(found.warnings.is_empty(), "{:?}", found.warnings);
         check_box(&found, truth, 0.03);
         let longest = found.object_to_world.inverse().transform_point(found.bounds.max)
@@ -201,7 +206,7 @@ fn wrong_masks_are_named_and_do_not_hide_the_object() {
     masks[5] = Mask::from(GrayImage::from_fn(120, 120, |u, _| Luma([255 * u8::from(u < 20)])));
     masks[11] = Mask::from(GrayImage::from_fn(120, 120, |_, v| Luma([255 * u8::from(v > 110)])));
     masks[17] = Mask::from(GrayImage::new(120, 120));
-    let found = normalisation(&pairs(&cameras, &masks)).unwrap();
+    let found = normalisation(&some_masks(&pairs(&cameras, &masks))).unwrap();
     check_box(&found, truth, 0.08);
     let text = found.warnings.join("; ");
     assert!(text.contains("view 17 has an empty mask") && text.contains("views 5 and 11 disagree"), "{text}");
@@ -216,26 +221,38 @@ fn masks_that_agree_nowhere_name_the_views_that_disagree_most() {
     let masks: Vec<Mask> =
         cameras.iter().enumerate().map(|(i, c)| mask(c, sphere(centers[usize::from(i > 5)], 0.2))).collect();
     // The far group does not see the near sphere: nothing contradicts it, so it is found, and the others are named.
-    let found = normalisation(&pairs(&cameras, &masks)).unwrap();
+    let found = normalisation(&some_masks(&pairs(&cameras, &masks))).unwrap();
     assert!(found.warnings.join("; ").contains("views 6, 7 and 8 disagree"), "{:?}", found.warnings);
 
     // Four views agree on one place, four on another, and none is out of the others' frames.
     let cameras = self::cameras(8, 60, DVec3::ZERO, 2.0);
     let center = |i: usize| DVec3::X * if i.is_multiple_of(2) { 0.3 } else { -0.3 };
     let masks: Vec<Mask> = cameras.iter().enumerate().map(|(i, c)| mask(c, sphere(center(i), 0.15))).collect();
-    let error = normalisation(&pairs(&cameras, &masks)).unwrap_err().to_string();
+    let error = normalisation(&some_masks(&pairs(&cameras, &masks))).unwrap_err().to_string();
     assert!(error.contains("agree on no place") && error.contains("disagree most"), "{error}");
+}
+
+#[test]
+fn without_masks_the_cube_is_what_all_cameras_look_at() {
+    let target = DVec3::new(10.0, -3.0, 2.0);
+    let cameras = cameras(9, 60, target, 2.5);
+    let found = normalisation_by_cameras(&cameras.iter().collect::<Vec<_>>()).unwrap();
+    assert!((found.translation - target).length() < 1e-9);
+    // The cube's middle plane fills the frame from side to side.
+    let side = target + 0.5 * found.scale * cameras[0].rotation.row(0);
+    assert!((cameras[0].project(side).0.x - 60.0).abs() < 1e-6);
+    assert!(normalisation_by_cameras(&[&cameras[0], &cameras[0]]).is_err());
 }
 
 #[test]
 fn too_few_views_are_refused() {
     let cameras = cameras(2, 20, DVec3::ZERO, 2.0);
     let masks = [mask(&cameras[0], sphere(DVec3::ZERO, 0.3)), Mask::from(GrayImage::new(20, 20))];
-    assert!(normalisation(&pairs(&cameras, &masks)).unwrap_err().to_string().contains("1 of 2 masks"));
+    assert!(normalisation(&some_masks(&pairs(&cameras, &masks))).unwrap_err().to_string().contains("1 of 2 masks"));
     assert!(normalisation(&[]).is_err());
     let same = [cameras[0].clone(), cameras[0].clone()];
     let masks = [masks[0].clone(), masks[0].clone()];
-    assert!(normalisation(&pairs(&same, &masks)).unwrap_err().to_string().contains("same direction"));
+    assert!(normalisation(&some_masks(&pairs(&same, &masks))).unwrap_err().to_string().contains("same direction"));
 }
 
 fn shared(folder: &str) -> Option<PathBuf> {
@@ -296,7 +313,7 @@ fn dtu() -> Option<(Vec<Camera>, Vec<Mask>, DMat3, DVec3)> {
 /// Finds the object without a warning, and checks that its hull explains all but `unexplained` of each mask.
 fn find(cameras: &[Camera], masks: &[Mask], unexplained: f64) -> Normalisation {
     let views = pairs(cameras, masks);
-    let found = normalisation(&views).unwrap();
+    let found = normalisation(&some_masks(&views)).unwrap();
     assert!(found.warnings.is_empty(), "{:?}", found.warnings);
     let hull = VisualHull::carve(&views, found.bounds, 96, &HullSettings::default()).unwrap();
     let shares = silhouette_consistency(&views, &hull).unwrap();

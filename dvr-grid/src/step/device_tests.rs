@@ -69,7 +69,11 @@ impl Fixture {
     fn new(noise: f32) -> Self {
         let views: &'static [View] = views().leak();
         let references: Vec<&View> = views.iter().collect();
-        let masks: Vec<MaskDistance> = views.iter().map(|view| MaskDistance::new(&view.camera, &view.mask)).collect();
+        let masks: Vec<MaskDistance> = views
+            .iter()
+            .filter_map(View::training_pair)
+            .map(|(camera, mask)| MaskDistance::new(camera, mask))
+            .collect();
         let grid = VoxelGrid::new(33, 0.55);
         let (mut base, active) = hull_start(&masks, &grid, 0, None);
         for node in active.iter() {

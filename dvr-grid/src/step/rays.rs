@@ -225,7 +225,7 @@ pub(crate) fn compared(neighbours: &[u32], count: usize, seed: u64) -> impl Iter
 pub(crate) fn mean_object_color(views: &[&View]) -> Vec3 {
     let (mut sum, mut count) = (glam::DVec3::ZERO, 0usize);
     for view in views {
-        for (_, _, pixel) in view.image.enumerate_pixels().filter(|(u, v, _)| view.mask.is_object(*u, *v)) {
+        for (_, _, pixel) in view.image.enumerate_pixels().filter(|(u, v, _)| view.is_training_object(*u, *v)) {
             sum += glam::DVec3::from(pixel.0.map(f64::from)) / 255.0;
             count += 1;
         }

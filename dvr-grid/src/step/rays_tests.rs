@@ -3,7 +3,7 @@
 use crate::active::ActiveNodes;
 use crate::occupancy::OccupancyBitmask;
 use dvr_core::voxel::VoxelGrid;
-use dvr_core::{Camera, DepthMap, Mask, Split, stored};
+use dvr_core::{Camera, DepthMap, Mask, stored};
 use glam::DVec3;
 use image::{GrayImage, Rgb, RgbImage};
 
@@ -43,7 +43,7 @@ pub(crate) fn view(eye: DVec3) -> View {
     }
     let depth = Some(DepthMap { width: size, height: size, z_depth });
     let (image, mask) = (stored(image), Mask::from(mask));
-    View { name: eye.to_string(), camera, image, mask, depth, split: Split::Train }
+    View { depth, ..View::new(eye.to_string(), camera, image, mask) }
 }
 
 /// A ball on a grid, and three cameras close to each other.
@@ -167,14 +167,14 @@ fn masks_push_the_densest_point_in_or_out() {
     let losses = GridLosses { mask: 1.0, ..nothing() };
     // A ray just beside the true ball meets the field's, which is larger.
     let pixel = (0..96).map(|u| 48 * 96 + u).find(|&p| {
-        let object = fixture.views[0].mask.is_object(p % 96, p / 96);
+        let object = fixture.views[0].is_object(p % 96, p / 96);
         !object && fixture.look(p, &losses, 0.0).0.is_some()
     });
     let (ray_gradient, loss) = fixture.look(pixel.unwrap(), &losses, 0.0);
     assert!(ray_gradient.unwrap().grad_value > 0.0 && loss > 0.5, "pushed out");
     // The same ball shrunk: object pixels at its rim miss.
     fixture.values.iter_mut().for_each(|v| *v -= 0.05);
-    let pixel = (0..96).map(|u| 48 * 96 + u).find(|&p| fixture.views[0].mask.is_object(p % 96, p / 96)).unwrap();
+    let pixel = (0..96).map(|u| 48 * 96 + u).find(|&p| fixture.views[0].is_object(p % 96, p / 96)).unwrap();
     let (by_hand, difference) = fixture.gradients(pixel, &losses);
     assert!(by_hand < 0.0, "pulled in");
     assert!((by_hand - difference).abs() < 0.05 * difference.abs(), "{by_hand} {difference}");

@@ -93,7 +93,7 @@ impl RefinedCameras {
 /// to be comparable, but teach nothing.
 ///
 /// # Errors
-/// When the scene has too few views or its masks show no object.
+/// When the scene has too few views, a view has no mask, or the masks show no object.
 pub fn refine_cameras(
     scene: &mut Scene,
     config: &GridConfig,
@@ -101,6 +101,7 @@ pub fn refine_cameras(
     interrupted: &AtomicBool,
     observer: &mut dyn Observer,
 ) -> Result<Option<RefinedCameras>> {
+    scene.require_masks()?;
     let given: Vec<Camera> = scene.views.iter().map(|view| view.camera.clone()).collect();
     let marks: Vec<Marks> = scene.views.par_iter().map(Marks::new).collect();
     let teaching: Vec<bool> = {

@@ -61,15 +61,15 @@ pub(super) struct Marks {
 impl Marks {
     /// Chooses them.
     pub fn new(view: &View) -> Self {
-        let distances = MaskDistance::new(&view.camera, &view.mask);
-        let (width, height) = view.mask.size();
+        let Some(mask) = view.training_mask() else { return Self { interior: Vec::new(), outline: Vec::new() } };
+        let distances = MaskDistance::new(&view.camera, mask);
+        let (width, height) = mask.size();
         let pixels = || (0..height).flat_map(move |v| (0..width).map(move |u| (u, v)));
         let [outwards, inwards] = OUTLINE_BAND;
         // At the border of the frame, the mask's end is not the object's.
         let framed = |u: u32, v: u32| u > 1 && v > 1 && u + 2 < width && v + 2 < height;
         let outline = pixels().filter(|&(u, v)| framed(u, v)).map(|(u, v)| (u, v, distances.of_pixel(u, v)));
-        let interior =
-            pixels().filter(|&(u, v)| view.mask.is_object(u, v)).map(|(u, v)| (u, v, distances.of_pixel(u, v)));
+        let interior = pixels().filter(|&(u, v)| mask.is_object(u, v)).map(|(u, v)| (u, v, distances.of_pixel(u, v)));
         Self {
             interior: thinned(interior.filter(|&(_, _, s)| s > inwards).collect(), INTERIOR),
             outline: thinned(outline.filter(|&(_, _, s)| s > -outwards && s < inwards).collect(), OUTLINE),

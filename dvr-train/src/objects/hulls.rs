@@ -35,7 +35,7 @@ impl Hulls {
         }
         let views = (0..dataset.views(object)?).map(|view| dataset.read_view(object, view));
         let views = views.collect::<dvr_core::Result<Vec<View>>>()?;
-        let masks: Vec<_> = views.iter().map(|view| (&view.camera, &view.mask)).collect();
+        let masks: Vec<_> = views.iter().filter_map(View::training_pair).collect();
         // A voxel too much is depth too little: centres decide.
         let settings = HullSettings { conservative: false, ..HullSettings::default() };
         let hull = Arc::new(CoarseHull::new(&VisualHull::carve(

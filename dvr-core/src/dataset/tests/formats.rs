@@ -19,7 +19,7 @@ fn the_dvr_layout_keeps_its_object_space() {
     assert!((scene.object_to_world.scale - ball.object_to_world().scale).abs() < 1e-9);
     ball.assert_same_cameras(&scene);
     for (view, camera) in scene.views.iter().zip(&ball.cameras) {
-        assert_eq!((&view.mask, &view.image), (&ball.mask(camera), &stored(ball.image(camera))));
+        assert_eq!((&view.mask, &view.image), (&Some(ball.mask(camera)), &stored(ball.image(camera))));
         let (depth, expected) = (view.depth.as_ref().unwrap(), ball.depth(camera));
         for (z, world_z) in depth.z_depth.iter().zip(&expected.z_depth) {
             let expected = world_z / ball.object_to_world().scale as f32;
@@ -73,7 +73,7 @@ fn mirrored_cameras_get_mirrored_pictures() {
     for view in &straight.views {
         let image = image::imageops::flip_horizontal(&view.image);
         write_rgb_png(&folder.path().join(format!("image/{}.png", view.name)), &image).unwrap();
-        let mask = image::imageops::flip_horizontal(&view.mask.coverage);
+        let mask = image::imageops::flip_horizontal(&view.mask.as_ref().unwrap().coverage);
         write_gray_png(&folder.path().join(format!("mask/{}.png", view.name)), &mask).unwrap();
     }
     std::fs::remove_dir_all(folder.path().join("depth")).unwrap();
@@ -238,6 +238,6 @@ fn nerf_splits_read_with_alpha_and_one_angle_for_all() {
     let count = |split| scene.views_of(split).count();
     assert_eq!((count(Split::Train), count(Split::Val), count(Split::Test)), (5, 2, 2));
     assert!(scene.warnings[0].contains("1 of 3 pictures") && scene.warnings[0].contains("r_9"), "{:?}", scene.warnings);
-    assert_eq!(scene.views[3].mask, ball.mask(&ball.cameras[3]));
+    assert_eq!(scene.views[3].mask, Some(ball.mask(&ball.cameras[3])));
     assert_eq!(read(&root.join("transforms_train.json")).views.len(), 5);
 }

@@ -31,7 +31,7 @@ fn a_view_reads_as_it_does_in_its_scene() {
     for (i, expected) in scene.views.iter().enumerate() {
         let view = objects.read_view(b, i).unwrap();
         assert_eq!((&view.name, &view.camera, &view.image), (&expected.name, &expected.camera, &expected.image));
-        assert_eq!((view.mask.coverage, view.depth), (expected.mask.coverage.clone(), expected.depth.clone()));
+        assert_eq!((view.mask, view.depth), (expected.mask.clone(), expected.depth.clone()));
     }
 }
 

@@ -1,6 +1,7 @@
 //! What the options do.
 
 use super::*;
+use crate::mask_refinement::refine_masks;
 use crate::pixels::PixelStore;
 use crate::scene::{Split, View};
 
@@ -49,7 +50,7 @@ fn pixels_beyond_the_memory_that_is_allowed_lie_in_a_scratch_file_and_read_the_s
         let options = ReadOptions { max_memory: Some(max_memory), ..ReadOptions::default() };
         let scene = read_scene(folder.path(), &options).unwrap();
         let is_in_memory = |view: &&View| {
-            let stores = [view.image.as_raw(), view.mask.coverage.as_raw()];
+            let stores = [view.image.as_raw(), view.mask.as_ref().unwrap().coverage.as_raw()];
             stores.iter().all(|store| matches!(store, PixelStore::Memory(_)))
         };
         assert_eq!(scene.views.iter().filter(is_in_memory).count(), expected, "{max_memory} bytes");
@@ -64,7 +65,7 @@ fn pixels_beyond_the_memory_that_is_allowed_lie_in_a_scratch_file_and_read_the_s
 fn writing_to_pixels_of_a_scratch_file_changes_that_copy_alone() {
     let (_, folder) = dvr();
     let scene = read_scene(folder.path(), &ReadOptions { max_memory: Some(0), ..ReadOptions::default() }).unwrap();
-    let mask = &scene.views[0].mask;
+    let mask = scene.views[0].mask.as_ref().unwrap();
     let mut inverted = mask.clone();
     image::imageops::invert(&mut inverted.coverage);
     let all = (WIDTH * HEIGHT) as usize;
@@ -77,12 +78,13 @@ fn smaller_pictures_have_smaller_cameras() {
     let scene = read_scene(folder.path(), &ReadOptions { downscale: 5, ..ReadOptions::default() }).unwrap();
     for (view, camera) in scene.views.iter().zip(&ball.cameras) {
         assert_eq!((view.camera.width, view.camera.height), (9, 7));
-        assert_eq!((view.image.dimensions(), view.mask.size()), ((9, 7), (9, 7)));
+        let mask = view.mask.as_ref().unwrap();
+        assert_eq!((view.image.dimensions(), mask.size()), ((9, 7), (9, 7)));
         let (pixel, _) = view.camera.project(glam::DVec3::ZERO);
         assert!((pixel * 5.0 - camera.project(ball.center).0).length() < 1e-6);
         // Object pixels of the small picture have depths of the object.
         let depth = view.depth.as_ref().unwrap();
-        for (u, v, _) in view.mask.coverage.enumerate_pixels().filter(|(u, v, _)| view.mask.is_object(*u, *v)) {
+        for (u, v, _) in mask.coverage.enumerate_pixels().filter(|(u, v, _)| mask.is_object(*u, *v)) {
             assert!((depth.get(u, v) * 60.0 - 130.0).abs() < 1.1 * ball.radius as f32);
         }
     }
@@ -136,7 +138,7 @@ fn a_plain_background_makes_masks_on_request_only() {
         let background = Some(Background::of(color));
         let scene = read_scene(folder.path(), &ReadOptions { background, ..ReadOptions::default() }).unwrap();
         for (view, camera) in scene.views.iter().zip(&ball.cameras) {
-            assert_eq!(view.mask, ball.mask(camera));
+            assert_eq!(view.mask, Some(ball.mask(camera)));
         }
     }
 }
@@ -197,7 +199,7 @@ fn the_depth_of_the_visual_hull_is_taken_where_it_is_wanted_or_alone() {
 }
 
 #[test]
-fn mask_files_are_mended_by_their_photographs_unless_they_are_to_be_trusted() {
+fn mask_files_are_refined_by_their_photographs_when_that_is_wanted() {
     let (ball, folder) = dvr();
     // A hole in one mask, rims around most of the others.
     let write = |view: usize, object: &dyn Fn(u32, u32) -> bool| {
@@ -211,13 +213,35 @@ fn mask_files_are_mended_by_their_photographs_unless_they_are_to_be_trusted() {
         let near = |u, v, i: u32| right.is_object(at(u, i % 5, WIDTH), at(v, i / 5, HEIGHT));
         write(wide, &|u, v| (0..25).any(|i| near(u, v, i)));
     }
-    let scene = read(folder.path());
-    assert!(scene.views.iter().zip(&right).all(|(view, right)| view.mask == *right));
-    for part in ["1 of 9 masks leave out", "(12 pixels", "5 of 9 masks have a rim", "--trust-masks"] {
-        assert!(scene.warnings.iter().any(|warning| warning.contains(part)), "{part}: {:?}", scene.warnings);
-    }
-    let trusting = ReadOptions { trust_masks: true, ..ReadOptions::default() };
-    let scene = read_scene(folder.path(), &trusting).unwrap();
-    assert!(!scene.views[3].mask.is_object(23, 17) && scene.views[5].mask.object_pixels() > right[5].object_pixels());
+    let mut scene = read(folder.path());
+    assert!(!scene.views[3].is_object(23, 17), "masks are read as they are");
     assert!(scene.warnings.is_empty(), "{:?}", scene.warnings);
+    let report = refine_masks(&mut scene).unwrap();
+    assert!(scene.views.iter().zip(&right).all(|(view, right)| view.training_mask() == Some(right)));
+    assert!(!scene.views[3].is_object(23, 17), "masks as given stay");
+    for part in ["1 of 9 masks leave out", "(12 pixels", "5 of 9 masks have a rim"] {
+        assert!(report.notes().iter().any(|note| note.contains(part)), "{part}: {report}");
+    }
+    // The same from a scratch file.
+    let options = ReadOptions { max_memory: Some(0), ..ReadOptions::default() };
+    let mut paged = read_scene(folder.path(), &options).unwrap();
+    assert_eq!(refine_masks(&mut paged).unwrap(), report);
+    for (view, same) in paged.views.iter().zip(&scene.views) {
+        assert_eq!(view.refined_mask, same.refined_mask);
+        assert!(view.refined_mask.iter().all(|mask| mask.coverage.as_raw().is_paged()));
+    }
+}
+
+#[test]
+fn a_scene_without_masks_is_read_all_the_same() {
+    let (ball, folder) = dvr();
+    std::fs::remove_dir_all(folder.path().join("mask")).unwrap();
+    let scene = read(folder.path());
+    assert_eq!(scene.views.len(), ball.cameras.len());
+    assert!(scene.views.iter().all(|view| view.mask.is_none() && view.training_mask().is_none()));
+    assert!(scene.warnings.iter().any(|warning| warning.contains("9 of 9 views have no mask")), "{:?}", scene.warnings);
+    let error = scene.require_masks().unwrap_err().to_string();
+    for way in ["views `0000`, `0001`, `0002` and 6 more have no mask", "alpha", "`mask`", "background"] {
+        assert!(error.contains(way), "{error}");
+    }
 }

@@ -5,14 +5,14 @@ use rayon::prelude::*;
 
 use super::*;
 use crate::hull::{Bounds, HullSettings, VisualHull, silhouette_consistency};
-use crate::scene::Split;
+use crate::scene::{Split, View};
 
 /// Whether the masks' hull lies within the cube, is not small, and explains the masks.
 ///
 /// Where the object leaves the pictures, a hull of what few views see has spurs: `min_seeing` cuts them off.
 #[track_caller]
 fn assert_placed(scene: &Scene, min_seeing: usize) {
-    let views: Vec<_> = scene.views.iter().map(|view| (&view.camera, &view.mask)).collect();
+    let views: Vec<_> = scene.views.iter().filter_map(View::training_pair).collect();
     let settings = HullSettings { min_seeing, ..HullSettings::default() };
     let hull = VisualHull::carve(&views, Bounds::cube(DVec3::ZERO, 0.6), 96, &settings).unwrap();
     let found = hull.bounding_box().expect("the hull is empty");
@@ -50,7 +50,7 @@ fn rendered_surfaces_fall_on_their_masks_at_their_depths() {
                     (u.saturating_sub(1)..=(u + 1).min(resolution - 1))
                         .any(|u| (v.saturating_sub(1)..=(v + 1).min(resolution - 1)).any(|v| test(u, v)))
                 };
-                let on_mask = view.camera.sees(pixel) && near(&|u, v| view.mask.is_object(u, v));
+                let on_mask = view.camera.sees(pixel) && near(&|u, v| view.is_object(u, v));
                 // Nothing of the surface is in front of the depth map, and about half is right on it.
                 let nearest = near(&|u, v| f64::from(depth.get(u, v)) < z + 3.0 * pixel_size);
                 let at = (f64::from(depth.get(u.min(resolution - 1), v.min(resolution - 1))) - z).abs();
@@ -108,11 +108,6 @@ fn depth_maps_are_exact_at_pixel_centres_and_nowhere_else() {
     assert!(corner > 5.0 * centre && next > 5.0 * centre);
 }
 
-/// Masks of photographs that were made by programs: some pixels are wrong, and nothing else.
-fn assert_only_masks_are_mended(scene: &Scene) {
-    assert!(scene.warnings.iter().all(|warning| warning.contains("--trust-masks")), "{:?}", scene.warnings);
-}
-
 #[test]
 fn the_dinosaur_and_the_temple_fill_the_cube() {
     let Some(root) = shared("scenes") else { return };
@@ -121,7 +116,7 @@ fn the_dinosaur_and_the_temple_fill_the_cube() {
         assert_eq!((scene.views.len(), scene.format, scene.name.as_str()), (16, "Middlebury", name));
         assert_eq!(scene.views[0].image.dimensions(), (640, 480));
         assert!(scene.object_to_world.scale > 0.05 && scene.object_to_world.scale < 0.3, "metres");
-        assert_only_masks_are_mended(&scene);
+        assert!(scene.warnings.is_empty(), "{:?}", scene.warnings);
         assert_placed(&scene, 12);
     }
 }
@@ -132,7 +127,7 @@ fn the_skull_fills_the_cube() {
     let scene = read(&root);
     assert_eq!((scene.views.len(), scene.format), (49, "IDR/NeuS"));
     assert!(scene.object_to_world.scale > 100.0 && scene.object_to_world.scale < 500.0, "millimetres");
-    assert_only_masks_are_mended(&scene);
+    assert!(scene.warnings.is_empty(), "{:?}", scene.warnings);
     assert_placed(&scene, 25);
     let by_idr = read(&root.join("cameras.npz"));
     assert!((by_idr.object_to_world.translation - scene.object_to_world.translation).length() < 1e-3);
