@@ -3,16 +3,11 @@
 use burn::config::Config;
 use burn::module::Module;
 use burn::nn::{Initializer, Linear, LinearConfig};
-use burn::tensor::activation::{leaky_relu, relu, sigmoid};
+use burn::tensor::activation::{leaky_relu, relu};
 use burn::tensor::{Device, Int, Tensor};
-use dvr_render::{Field, FieldJet, FieldValues, Query, Snapshot, axis_direction, select_rows};
-#[cfg(feature = "gpu")]
-use dvr_render::{MarchSettings, Marcher};
+use dvr_render::select_rows;
 
 use crate::encoding;
-use crate::fused::{FusedDecoder, snapshots};
-#[cfg(feature = "gpu")]
-use crate::gpu_march::KernelMarcher;
 
 /// Configuration of a [`Decoder`]. The defaults are the original's, but for the width.
 #[derive(Config, Debug, PartialEq)]
@@ -99,12 +94,17 @@ impl Decoder {
     }
 
     /// What each block adds of the codes `[m, code_dim]`: one `[m, hidden]` a block, none without codes.
-    fn conditions(&self, codes: Option<Tensor<2>>) -> Vec<Tensor<2>> {
+    pub(crate) fn conditions(&self, codes: Option<Tensor<2>>) -> Vec<Tensor<2>> {
         codes.map_or_else(Vec::new, |codes| self.fc_c.iter().map(|fc_c| fc_c.forward(codes.clone())).collect())
     }
 
     /// As [`Decoder::forward`], with the codes already projected; `object` picks the row of each point, see [`given`].
-    fn outputs(&self, points: Tensor<2>, conditions: &[Tensor<2>], object: Option<&Tensor<1, Int>>) -> Tensor<2> {
+    pub(crate) fn outputs(
+        &self,
+        points: Tensor<2>,
+        conditions: &[Tensor<2>],
+        object: Option<&Tensor<1, Int>>,
+    ) -> Tensor<2> {
         let mut net = self.fc_p.forward(encoding::encode(points, self.octaves));
         for (i, block) in self.blocks.iter().enumerate() {
             net = given(net, conditions.get(i), object);
@@ -128,7 +128,7 @@ impl Decoder {
     }
 
     /// As [`Decoder::forward_mode`], with the codes already projected.
-    fn tangents(
+    pub(crate) fn tangents(
         &self,
         points: Tensor<2>,
         conditions: &[Tensor<2>],
@@ -174,145 +174,5 @@ fn given(net: Tensor<2>, condition: Option<&Tensor<2>>, object: Option<&Tensor<1
         (None, _) => net,
         (Some(condition), Some(object)) => net + select_rows(condition.clone(), object.clone()),
         (Some(condition), None) => net + condition.clone(),
-    }
-}
-
-impl Decoder {
-    /// The field of objects with latent codes, `[objects, code_dim]`: a [`Query`]'s object index picks the row.
-    ///
-    /// Codes are projected here, once an object; what is left for each point is to pick a row.
-    pub fn with_codes(&self, codes: Tensor<2>) -> Conditioned {
-        Conditioned { conditions: self.conditions(Some(codes)), decoder: self.clone() }
-    }
-
-    /// The field of the one object that a decoder without codes holds.
-    pub fn unconditioned(&self) -> Conditioned {
-        Conditioned { conditions: Vec::new(), decoder: self.clone() }
-    }
-}
-
-/// A decoder bound to the latent codes of its objects.
-#[derive(Clone, Debug)]
-pub struct Conditioned {
-    decoder: Decoder,
-    /// What each block adds of the codes, `[objects, hidden]`; empty without codes.
-    conditions: Vec<Tensor<2>>,
-}
-
-impl Conditioned {
-    /// The decoder.
-    pub fn decoder(&self) -> &Decoder {
-        &self.decoder
-    }
-
-    /// What each block adds of the codes, `[objects, hidden]` a block; none without codes.
-    #[cfg(feature = "gpu")]
-    pub(crate) fn conditions(&self) -> &[Tensor<2>] {
-        &self.conditions
-    }
-
-    /// Raw outputs, `[n, 4]`.
-    fn outputs(&self, query: &Query) -> Tensor<2> {
-        match &query.object {
-            Some(object) => self.decoder.outputs(query.points.clone(), &self.conditions, Some(object)),
-            None => self.decoder.outputs(query.points.clone(), &self.of_object_0(), None),
-        }
-    }
-
-    /// Raw outputs and their derivatives along directions, each `[n, 4]`.
-    fn tangents(&self, query: &Query, directions: Vec<Tensor<2>>) -> (Tensor<2>, Vec<Tensor<2>>) {
-        match &query.object {
-            Some(object) => self.decoder.tangents(query.points.clone(), &self.conditions, Some(object), directions),
-            None => self.decoder.tangents(query.points.clone(), &self.of_object_0(), None, directions),
-        }
-    }
-
-    /// What the blocks add of the first object's code, `[1, hidden]` each.
-    fn of_object_0(&self) -> Vec<Tensor<2>> {
-        self.conditions.iter().map(|condition| condition.clone().narrow(0, 0, 1)).collect()
-    }
-}
-
-/// Raw outputs as a logit and a colour.
-fn as_values(out: Tensor<2>) -> FieldValues {
-    FieldValues { occupancy_logit: out.clone().narrow(1, 0, 1).squeeze_dim(1), color: sigmoid(out.narrow(1, 1, 3)) }
-}
-
-impl Field for Conditioned {
-    fn evaluate(&self, query: &Query) -> FieldValues {
-        as_values(self.outputs(query))
-    }
-
-    fn occupancy_logit(&self, query: &Query) -> Tensor<1> {
-        self.outputs(query).narrow(1, 0, 1).squeeze_dim(1)
-    }
-
-    fn jet(&self, query: &Query, direction: Tensor<2>) -> FieldJet {
-        let (out, mut tangents) = self.tangents(query, vec![direction]);
-        let value = as_values(out);
-        let tangent = tangents.remove(0);
-        // d sigmoid(x) = sigmoid(x) (1 - sigmoid(x)) dx
-        let slope = value.color.clone() * (value.color.clone().neg() + 1.0);
-        let derivative = FieldValues {
-            occupancy_logit: tangent.clone().narrow(1, 0, 1).squeeze_dim(1),
-            color: tangent.narrow(1, 1, 3) * slope,
-        };
-        FieldJet { value, derivative }
-    }
-
-    fn occupancy_gradient(&self, query: &Query) -> Tensor<2> {
-        let axes = (0..3).map(|axis| axis_direction(query, axis)).collect();
-        let (_, tangents) = self.tangents(query, axes);
-        Tensor::cat(tangents.into_iter().map(|t| t.narrow(1, 0, 1)).collect(), 1)
-    }
-
-    fn device(&self) -> Device {
-        self.decoder.fc_p.weight.val().device()
-    }
-
-    fn snapshots(&self) -> Vec<Snapshot> {
-        if !FusedDecoder::suits(&self.decoder.fc_p.weight.val()) {
-            return Vec::new();
-        }
-        let fused = FusedDecoder::new(&self.decoder);
-        snapshots(if self.conditions.is_empty() { vec![fused] } else { fused.with_conditions(&self.conditions) })
-    }
-
-    #[cfg(feature = "gpu")]
-    fn device_marcher(&self, settings: MarchSettings) -> Option<Box<dyn Marcher + '_>> {
-        dvr_gpu::is_gpu(&self.device())
-            .then(|| Box::new(KernelMarcher::new(self.clone(), settings)) as Box<dyn Marcher>)
-    }
-}
-
-impl Field for Decoder {
-    fn evaluate(&self, query: &Query) -> FieldValues {
-        self.unconditioned().evaluate(query)
-    }
-
-    fn occupancy_logit(&self, query: &Query) -> Tensor<1> {
-        self.unconditioned().occupancy_logit(query)
-    }
-
-    fn jet(&self, query: &Query, direction: Tensor<2>) -> FieldJet {
-        self.unconditioned().jet(query, direction)
-    }
-
-    fn occupancy_gradient(&self, query: &Query) -> Tensor<2> {
-        self.unconditioned().occupancy_gradient(query)
-    }
-
-    fn device(&self) -> Device {
-        self.unconditioned().device()
-    }
-
-    fn snapshots(&self) -> Vec<Snapshot> {
-        self.unconditioned().snapshots()
-    }
-
-    #[cfg(feature = "gpu")]
-    fn device_marcher(&self, settings: MarchSettings) -> Option<Box<dyn Marcher + '_>> {
-        dvr_gpu::is_gpu(&self.device())
-            .then(|| Box::new(KernelMarcher::new(self.unconditioned(), settings)) as Box<dyn Marcher>)
     }
 }

@@ -72,7 +72,7 @@ impl ScalarField for FusedDecoder {
         Some(self.network.value_and_gradient(points).into_iter().map(|(_, gradient)| gradient).collect())
     }
 
-    fn colors(&self, points: &[Vec3], _normals: &[Vec3]) -> Option<Vec<[f32; 3]>> {
+    fn colors(&self, points: &[Vec3], _normals: &[Vec3], _: Option<&[Vec3]>) -> Option<Vec<[f32; 3]>> {
         let mut values = vec![0.0; 4 * points.len()];
         self.network.evaluate(points, 4, &mut values);
         let sigmoid = |x: f32| 1.0 / (1.0 + (-x).exp());
@@ -86,7 +86,10 @@ mod tests {
     use burn::tensor::{Int, Tensor, TensorData};
     use dvr_core::{Camera, Ray, UnitCube};
     use dvr_render::extract::FieldSurface;
-    use dvr_render::{Field, March, MarchSettings, Marcher, Query, RayStatus, Rays, SnapshotMarcher, TensorMarcher};
+    use dvr_render::{
+        Crossing, Differentiable, Field, March, MarchSettings, Marcher, Query, RayStatus, Rays, SnapshotMarcher,
+        TensorMarcher,
+    };
     use glam::DVec3;
 
     use super::*;
@@ -176,7 +179,7 @@ mod tests {
                 assert!(ours.len() == truth.len() && worst < 1e-4, "{what}: {worst}");
             };
             close(surface.logits(&points), expected.occupancy_logit.into_data().iter::<f32>().collect(), "logits");
-            let colors = surface.colors(&points, &[]).expect("colours").concat();
+            let colors = surface.colors(&points, &[], None).expect("colours").concat();
             close(colors, expected.color.into_data().iter::<f32>().collect(), "colours");
             let gradients = surface.gradients(&points).expect("gradients");
             let gradients = gradients.iter().flat_map(|g| g.to_array()).collect();

@@ -1,23 +1,24 @@
-//! The decoder's march as a kernel of the graphics processor on which it lies.
+//! The decoder's march as a kernel of the GPU on which it lies.
 
 use burn::nn::Linear;
 use burn::tensor::Tensor;
 use dvr_gpu::{PackedDecoder, RaySearch, Root, march_decoder};
-use dvr_render::{March, MarchSettings, Marcher, Rays, RootMethod, TensorMarcher};
+use dvr_render::{Field, March, MarchSettings, Marcher, Rays, RootMethod, TensorMarcher};
 
-use crate::decoder::{Conditioned, LEAK};
+use crate::decoder::{Decoder, LEAK};
 
 /// Marches through a decoder without reading anything back but which rays hit.
-pub(crate) struct KernelMarcher {
-    field: Conditioned,
+pub(crate) struct KernelMarcher<F> {
+    /// Marched through tensors where the kernel has no room for the network.
+    field: F,
     packed: PackedDecoder,
     settings: MarchSettings,
 }
 
-impl KernelMarcher {
-    /// Packs the parameters as they are now, on the device.
-    pub fn new(field: Conditioned, settings: MarchSettings) -> Self {
-        let decoder = field.decoder();
+impl<F: Field> KernelMarcher<F> {
+    /// Packs the parameters of `field`, `decoder` with what each block adds of the codes (`[objects, hidden]`), as they
+    /// are now, on the device.
+    pub fn new(decoder: &Decoder, conditions: &[Tensor<2>], field: F, settings: MarchSettings) -> Self {
         let mut parts = Vec::new();
         let mut layer = |linear: &Linear, columns: usize| {
             parts.push(linear.weight.val().narrow(1, 0, columns).flatten::<1>(0, 1));
@@ -32,7 +33,6 @@ impl KernelMarcher {
             layer(&block.fc_1, hidden);
         }
         layer(&decoder.fc_out, 1);
-        let conditions = field.conditions();
         let packed = PackedDecoder {
             weights: Tensor::cat(parts, 0),
             conditions: (!conditions.is_empty()).then(|| Tensor::cat(conditions.to_vec(), 0)),
@@ -45,7 +45,7 @@ impl KernelMarcher {
     }
 }
 
-impl Marcher for KernelMarcher {
+impl<F: Field> Marcher for KernelMarcher<F> {
     fn march(&self, rays: &Rays, jitter: Option<Tensor<1>>) -> March {
         let search = RaySearch {
             origin: rays.origin.clone(),

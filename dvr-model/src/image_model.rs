@@ -4,7 +4,8 @@ use burn::module::Module;
 use burn::tensor::{Device, Int, Tensor};
 use serde::{Deserialize, Serialize};
 
-use crate::decoder::{Conditioned, Decoder, DecoderConfig};
+use crate::conditioned::Conditioned;
+use crate::decoder::{Decoder, DecoderConfig};
 use crate::encoder::{Convolutional, Encoder, EncoderConfig};
 
 /// Configuration of an [`ImageModel`].

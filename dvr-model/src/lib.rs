@@ -4,7 +4,7 @@
 //! ```
 //! use burn::tensor::{Device, Tensor};
 //! use dvr_model::{DecoderConfig, from_safetensors, to_safetensors};
-//! use dvr_render::{Field, Query};
+//! use dvr_render::{Differentiable, Query};
 //!
 //! // A network for one scene, asked at two points for value and slope along x in one forward-mode pass.
 //! let device = Device::flex();
@@ -37,12 +37,13 @@
 //! let field = model.field(model.codes(pictures, Tensor::from_ints([0, 1], &device)));
 //! // A point of each object.
 //! let points = Tensor::from_floats([[0.0, 0.1, 0.2], [0.3, 0.0, -0.1]], &device);
-//! let query = Query { points, object: Some(Tensor::from_ints([0, 1], &device)) };
+//! let query = Query { object: Some(Tensor::from_ints([0, 1], &device)), ..Query::new(points) };
 //! assert_eq!(field.evaluate(&query).color.dims(), [2, 3]);
 //! ```
 
 #![warn(missing_docs)]
 
+mod conditioned;
 mod decoder;
 mod encoder;
 mod encoding;
@@ -55,7 +56,8 @@ mod pytorch;
 mod record;
 mod tensors;
 
-pub use decoder::{Conditioned, Decoder, DecoderConfig, ResnetBlock};
+pub use conditioned::Conditioned;
+pub use decoder::{Decoder, DecoderConfig, ResnetBlock};
 pub use encoder::{BasicBlock, Codes, Convolutional, Encoder, EncoderConfig, Resnet18, Resnet18Features};
 pub use fused::FusedDecoder;
 pub use image_model::{ImageModel, ImageModelConfig, OutOfRange};

@@ -5,7 +5,9 @@
 //! use burn::tensor::{Device, Tensor};
 //! use dvr_core::Camera;
 //! use dvr_render::extract::{ExtractSettings, FieldSurface, extract_mesh};
-//! use dvr_render::{Field, FieldShader, FieldValues, Query, RenderSettings, render_view};
+//! use dvr_render::{
+//!     Crossing, Differentiable, Field, FieldShader, FieldValues, Query, RenderSettings, render_view,
+//! };
 //! use glam::DVec3;
 //!
 //! /// A ball of radius 0.3, coloured by position.
@@ -21,6 +23,9 @@
 //!         Device::flex()
 //!     }
 //! }
+//! // Slopes by central differences, crossings by marching: what is not said is the default.
+//! impl Differentiable for Ball {}
+//! impl Crossing for Ball {}
 //!
 //! // What a camera two units away sees.
 //! let camera = Camera::look_at(32, 32, 50.0, DVec3::new(0.0, 0.0, -2.0), DVec3::ZERO, DVec3::Y);
@@ -41,26 +46,22 @@ pub mod extract;
 mod field;
 mod implicit_depth;
 mod march;
-mod rays;
-mod root;
 mod rows;
 mod shade;
 mod skip;
-mod snapshot_march;
 mod surface;
 mod view;
 mod view_metrics;
 
 pub use chunks::{is_gpu, memory_excess};
-pub use field::{Field, FieldJet, FieldValues, Query, Snapshot, axis_direction};
+pub use field::{Crossing, Differentiable, Field, FieldJet, FieldValues, Query, Snapshot, axis_direction};
 pub use implicit_depth::{SlopeRule, dot, implicit_depth};
-pub use march::{Hits, March, MarchSettings, Marcher, RayStatus, TensorMarcher};
-pub use rays::Rays;
-pub use root::{Bracket, RootMethod};
+pub use march::{
+    Bracket, Hits, HostRays, March, MarchSettings, Marcher, RayStatus, Rays, RootMethod, SnapshotMarcher, TensorMarcher,
+};
 pub use rows::{DistinctRows, select_rows};
 pub use shade::{FieldShader, MeshShader, RenderSettings, Shaded, Shader};
 pub use skip::SkipGrid;
-pub use snapshot_march::SnapshotMarcher;
 pub use surface::Surface;
 pub use view::{Rendering, render_view};
 pub use view_metrics::{ViewMetrics, view_metrics};

@@ -1,8 +1,8 @@
 //! From the hits of a march to depth, points and colours on the autodiff graph.
 
-use burn::tensor::{Int, Tensor};
+use burn::tensor::Tensor;
 
-use crate::field::{Field, Query};
+use crate::field::{Differentiable, Field};
 use crate::implicit_depth::{SlopeRule, implicit_depth};
 use crate::march::Hits;
 
@@ -30,7 +30,7 @@ impl Surface {
     /// is evaluated once on the graph, at the fixed points. As these do not move, the colour's dependence on depth is
     /// added to first order with the derivative `t'` of the texture along the ray, which the forward-mode pass gives:
     /// `t + t' (d - d_hat)` has the value of `t` and exactly its gradient.
-    pub fn on_graph(field: &impl Field, frozen: &impl Field, hits: &Hits, rule: SlopeRule) -> Self {
+    pub fn on_graph(field: &impl Field, frozen: &impl Differentiable, hits: &Hits, rule: SlopeRule) -> Self {
         let rays = &hits.rays;
         let fixed = hits.query();
         let jet = frozen.jet(&fixed, rays.direction.clone());
@@ -39,8 +39,9 @@ impl Surface {
 
         let lift = |t: Tensor<2>| Tensor::from_inner(t);
         let fixed_depth: Tensor<1> = Tensor::from_inner(hits.depth.clone());
-        let points = lift(fixed.points);
-        let values = field.evaluate(&Query { points: points.clone(), object: lift_object(hits) });
+        let fixed = fixed.lifted();
+        let values = field.evaluate(&fixed);
+        let points = fixed.points;
         let occupancy_logit = values.occupancy_logit;
         let depth = implicit_depth(occupancy_logit.clone(), fixed_depth.clone(), Tensor::from_inner(inverse_slope));
         let moved = (depth.clone() - fixed_depth).unsqueeze_dim::<2>(1);
@@ -49,9 +50,4 @@ impl Surface {
         let point = points + lift(rays.direction.clone()) * moved;
         Self { depth, point, color, fixed_color, occupancy_logit, gradient }
     }
-}
-
-/// The object indices of the hits, on the autodiff device.
-fn lift_object(hits: &Hits) -> Option<Tensor<1, Int>> {
-    hits.rays.object.clone().map(Tensor::from_inner)
 }

@@ -60,7 +60,7 @@ fn nan_colors_and_gradients_are_refused() {
         fn gradients(&self, points: &[Vec3]) -> Option<Vec<Vec3>> {
             self.gradients.then(|| vec![Vec3::NAN; points.len()])
         }
-        fn colors(&self, points: &[Vec3], _: &[Vec3]) -> Option<Vec<[f32; 3]>> {
+        fn colors(&self, points: &[Vec3], _: &[Vec3], _: Option<&[Vec3]>) -> Option<Vec<[f32; 3]>> {
             Some(vec![[0.0, f32::INFINITY, 0.0]; points.len()])
         }
     }

@@ -201,7 +201,7 @@ fn colors_come_from_the_field_at_the_vertices() {
         fn logits(&self, points: &[Vec3]) -> Vec<f32> {
             points.iter().map(|p| 0.3 - p.length()).collect()
         }
-        fn colors(&self, points: &[Vec3], normals: &[Vec3]) -> Option<Vec<[f32; 3]>> {
+        fn colors(&self, points: &[Vec3], normals: &[Vec3], _: Option<&[Vec3]>) -> Option<Vec<[f32; 3]>> {
             Some(points.iter().zip(normals).map(|(p, n)| [p.x + 0.5, 0.5 + 0.5 * n.y, 7.0]).collect())
         }
     }

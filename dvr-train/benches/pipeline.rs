@@ -16,8 +16,8 @@ use dvr_core::{Camera, Ray, Scene, UnitCube};
 use dvr_model::{Decoder, DecoderConfig};
 use dvr_render::extract::{ExtractSettings, FieldSurface, extract_mesh};
 use dvr_render::{
-    Field, FieldShader, MarchSettings, Marcher, Query, Rays, RenderSettings, Shader, SkipGrid, SlopeRule, Surface,
-    TensorMarcher, implicit_depth,
+    Crossing, Field, FieldShader, MarchSettings, Marcher, Query, Rays, RenderSettings, Shader, SkipGrid, SlopeRule,
+    Surface, TensorMarcher, implicit_depth,
 };
 use dvr_train::{Capacity, GridConfig, GridTrainer, Supervision, TrainConfig, Trainer, ViewSplit};
 use glam::{DVec3, Vec3};

@@ -1,6 +1,6 @@
 //! A decoder of one's own, trained through the public API: `cargo run --release -p dvr-train --example own_decoder`.
 //!
-//! All that a field must do is evaluate; slopes, normals and marching come with the trait. This one is a plain MLP on
+//! All that a field must do is evaluate; slopes, normals and marching come with the traits. This one is a plain MLP on
 //! random Fourier features, fitted to the project's demo scene for a minute and written as `own_decoder.ply`.
 
 use burn::module::{Module, Param};
@@ -10,7 +10,7 @@ use burn::tensor::{Device, Distribution, Tensor};
 use dvr_core::dataset::{ReadOptions, read_scene};
 use dvr_core::mesh::write_mesh;
 use dvr_render::extract::FieldSurface;
-use dvr_render::{Field, FieldValues, Query};
+use dvr_render::{Crossing, Differentiable, Field, FieldValues, Query};
 use dvr_train::{
     HullUse, MeshOptions, Supervision, TrainConfig, Trainer, ViewSplit, carve_hull, hull_bound, object_mesh,
     warm_start, world_mesh,
@@ -52,6 +52,9 @@ impl Field for FourierMlp {
         self.frequencies.val().device()
     }
 }
+
+impl Differentiable for FourierMlp {}
+impl Crossing for FourierMlp {}
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/scenes/mug/mug");

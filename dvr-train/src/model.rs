@@ -158,7 +158,7 @@ impl ScalarField for Model {
         self.field().gradients(points)
     }
 
-    fn colors(&self, points: &[Vec3], normals: &[Vec3]) -> Option<Vec<[f32; 3]>> {
-        self.field().colors(points, normals)
+    fn colors(&self, points: &[Vec3], normals: &[Vec3], directions: Option<&[Vec3]>) -> Option<Vec<[f32; 3]>> {
+        self.field().colors(points, normals, directions)
     }
 }

@@ -2,7 +2,10 @@
 
 use burn::tensor::{Device, Int, Tensor, TensorData};
 use dvr_render::extract::FieldSurface;
-use dvr_render::{DistinctRows, Field, Hits, March, MarchSettings, Query, RayStatus, Rays, Surface, axis_direction};
+use dvr_render::{
+    Crossing, Differentiable, DistinctRows, Field, Hits, March, MarchSettings, Query, RayStatus, Rays, Surface,
+    axis_direction,
+};
 use rand::Rng;
 
 use crate::batch::PixelBatch;
@@ -56,8 +59,8 @@ impl StepNoise {
 ///
 /// `frozen` is `field` without gradient tracking (`Module::valid`); `batch` lives on its device.
 pub fn step_loss(
-    field: &impl Field,
-    frozen: &impl Field,
+    field: &impl Differentiable,
+    frozen: &impl Crossing,
     batch: &PixelBatch,
     noise: &StepNoise,
     config: &TrainConfig,
@@ -127,7 +130,7 @@ fn march_settings(config: &TrainConfig, step: usize) -> MarchSettings {
 /// and divided by their number. `None` where no ray hits.
 pub fn sparse_depth_loss(
     field: &impl Field,
-    frozen: &impl Field,
+    frozen: &impl Crossing,
     rays: &Rays,
     z_depth: &[f32],
     config: &TrainConfig,
@@ -184,16 +187,16 @@ fn surface_terms(
 }
 
 /// Smoothness at evenly chosen hits, scaled up to all of them.
-fn normal_term(field: &impl Field, hits: &Hits, noise: &StepNoise, config: &TrainConfig) -> Tensor<1> {
+fn normal_term(field: &impl Differentiable, hits: &Hits, noise: &StepNoise, config: &TrainConfig) -> Tensor<1> {
     let device = hits.depth.device();
     let count = hits.len().min(noise.neighbor.len());
     let chosen: Vec<i64> = (0..count).map(|i| (i * hits.len() / count) as i64).collect();
     let chosen = indices(&chosen, &device);
-    let points = hits.points().select(0, chosen.clone());
-    let object = hits.rays.object.clone().map(|o| o.select(0, chosen));
+    let rays = hits.rays.select(&chosen);
+    let points = hits.points().select(0, chosen);
     let shift: Vec<f32> = noise.neighbor[..count].iter().flatten().map(|u| u - 0.5).collect();
     let shift = Tensor::<2>::from_data(TensorData::new(shift, [count, 3]), &device) * config.losses.normal_distance;
-    let at = |points| Query { points: Tensor::from_inner(points), object: object.clone().map(Tensor::from_inner) };
+    let at = |points| Query { object: rays.object.clone(), ..Query::new(points) }.lifted();
     let gradient_at = |query: Query| match config.losses.normal_difference {
         0.0 => field.occupancy_gradient(&query),
         distance => central_differences(field, &query, distance),
@@ -207,7 +210,7 @@ fn normal_term(field: &impl Field, hits: &Hits, noise: &StepNoise, config: &Trai
 fn central_differences(field: &impl Field, query: &Query, distance: f64) -> Tensor<2> {
     let along = (0..3).map(|axis| {
         let shift = axis_direction(query, axis) * (0.5 * distance);
-        let logit = |points| field.occupancy_logit(&Query { points, object: query.object.clone() });
+        let logit = |points| field.occupancy_logit(&query.moved_to(points));
         let difference = logit(query.points.clone() + shift.clone()) - logit(query.points.clone() - shift);
         (difference / distance).unsqueeze_dim::<2>(1)
     });
@@ -215,7 +218,7 @@ fn central_differences(field: &impl Field, query: &Query, distance: f64) -> Tens
 }
 
 /// Marches the rays that are to be searched; hits and the like are indexed by their place among these.
-fn search(frozen: &impl Field, batch: &PixelBatch, noise: &StepNoise, settings: MarchSettings) -> Option<March> {
+fn search(frozen: &impl Crossing, batch: &PixelBatch, noise: &StepNoise, settings: MarchSettings) -> Option<March> {
     if batch.searched.is_empty() {
         return None;
     }
@@ -238,7 +241,7 @@ fn logits_on_rays(field: &impl Field, batch: &PixelBatch, rays: &[i64], depth: T
 
 /// Points on rays as a query on the autodiff device.
 fn lifted(rays: &Rays, depth: Tensor<1>) -> Query {
-    Query { points: Tensor::from_inner(rays.at(depth)), object: rays.object.clone().map(Tensor::from_inner) }
+    rays.query_at(depth).lifted()
 }
 
 /// Which ray plays which part. `*_rays` index the batch, `*_hits` the hits; pairs run in parallel.

@@ -4,7 +4,7 @@ use burn::module::Module;
 use burn::optim::ModuleOptimizer;
 use burn::tensor::{Device, Tensor};
 use dvr_core::{Ray, UnitCube, ViewSplit};
-use dvr_render::{Field, Rays, SkipGrid, is_gpu};
+use dvr_render::{Crossing, Rays, SkipGrid, is_gpu};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
@@ -114,7 +114,7 @@ pub(crate) fn step_rng(seed: u64, stream: u64) -> ChaCha8Rng {
     rng
 }
 
-impl<'a, F: Field + Module> Trainer<'a, F> {
+impl<'a, F: Crossing + Module> Trainer<'a, F> {
     /// Takes a field on `device.autodiff()`; `device` itself is without autodiff.
     pub fn new(field: F, views: ViewSplit<'a>, config: TrainConfig, device: Device) -> Self {
         let sparse = SparseTargets::default();

@@ -5,7 +5,8 @@ use burn::tensor::{Device, FloatDType, Int, Tensor, TensorData};
 use dvr_core::{Ray, UnitCube};
 use dvr_model::Decoder;
 use dvr_render::{
-    Field, MarchSettings, Marcher, Query, RayStatus, Rays, RootMethod, SlopeRule, TensorMarcher, implicit_depth,
+    Differentiable, Field, MarchSettings, Marcher, Query, RayStatus, Rays, RootMethod, SlopeRule, TensorMarcher,
+    implicit_depth,
 };
 use dvr_tests::*;
 
@@ -118,7 +119,7 @@ impl Case {
             let object = vec![self.object[ray]; depths.len()];
             let object =
                 self.codes.as_ref().map(|_| Tensor::from_data(TensorData::new(object, [depths.len()]), &self.device));
-            let query = Query { points: tensor3(&points, &self.device), object };
+            let query = Query { object, ..Query::new(tensor3(&points, &self.device)) };
             numbers(self.logit(&self.decoder, &query, self.codes.clone()))
         };
         let depths: Vec<f64> = (0..2000).map(|i| entry + (exit - entry) * f64::from(i) / 1999.0).collect();
@@ -229,7 +230,7 @@ fn the_analytic_gradient_equals_the_originals_for_parameters_and_codes() {
             };
 
             // The slope by our forward-mode pass, and the reference's clamp.
-            let query = Query { points: tensor3(&points, &device), object: object_on(&device) };
+            let query = Query { object: object_on(&device), ..Query::new(tensor3(&points, &device)) };
             let gradient = match &case.codes {
                 Some(codes) => case.decoder.with_codes(codes.clone()).occupancy_gradient(&query),
                 None => case.decoder.occupancy_gradient(&query),
@@ -243,7 +244,7 @@ fn the_analytic_gradient_equals_the_originals_for_parameters_and_codes() {
 
             let decoder = case.decoder.clone().to_device(&autodiff).train();
             let codes = case.codes.clone().map(|codes| Tensor::from_inner(codes).require_grad());
-            let query = Query { points: tensor3(&points, &autodiff), object: object_on(&autodiff) };
+            let query = Query { object: object_on(&autodiff), ..Query::new(tensor3(&points, &autodiff)) };
             let logit = case.logit(&decoder, &query, codes.clone());
             let depth = implicit_depth(logit, tensor1(&depth, &autodiff), Tensor::from_inner(inverse_slope));
             let loss = (depth * tensor1(&weight, &autodiff)).sum();

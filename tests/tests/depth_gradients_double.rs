@@ -4,7 +4,9 @@ use burn::module::{Module, ModuleMapper, Param};
 use burn::tensor::{Device, Tensor};
 use dvr_core::{Ray, UnitCube};
 use dvr_model::Decoder;
-use dvr_render::{Field, FieldValues, Hits, MarchSettings, Marcher, Query, Rays, SlopeRule, Surface, TensorMarcher};
+use dvr_render::{
+    Differentiable, Field, FieldValues, Hits, MarchSettings, Marcher, Query, Rays, SlopeRule, Surface, TensorMarcher,
+};
 use dvr_tests::*;
 use glam::DVec3;
 use rand::{Rng, SeedableRng};
@@ -206,12 +208,14 @@ impl Field for Ball {
         FieldValues { occupancy_logit: (distance.neg() + 0.4) * self.scale, color: query.points.clone() }
     }
 
-    fn occupancy_gradient(&self, query: &Query) -> Tensor<2> {
-        query.points.clone() / query.points.clone().square().sum_dim(1).sqrt() * -self.scale
-    }
-
     fn device(&self) -> Device {
         self.device.clone()
+    }
+}
+
+impl Differentiable for Ball {
+    fn occupancy_gradient(&self, query: &Query) -> Tensor<2> {
+        query.points.clone() / query.points.clone().square().sum_dim(1).sqrt() * -self.scale
     }
 }
 

@@ -7,7 +7,7 @@ use burn::optim::{AdamConfig, GradientsParams};
 use burn::tensor::{Device, Int, Tensor, TensorData};
 use dvr_core::{Ray, UnitCube};
 use dvr_model::{Conditioned, Decoder};
-use dvr_render::{Field, FieldJet, FieldValues, Query, RootMethod, SlopeRule};
+use dvr_render::{Crossing, Differentiable, Field, FieldJet, FieldValues, Query, RootMethod, SlopeRule};
 use dvr_tests::*;
 use dvr_train::{
     LossWeights, MarchStage, OccupancyPoint, PixelBatch, StepNoise, Supervision, TrainConfig, losses, step_loss,
@@ -171,7 +171,7 @@ fn normals_by_differences_and_their_smoothness_are_the_originals() {
         let differences = |points: &Tensor<2>| {
             let along = (0..3).map(|axis| {
                 let logit = |side: f64| {
-                    let query = Query { points: points.clone(), object: Some(objects.clone()) };
+                    let query = Query { object: Some(objects.clone()), ..Query::new(points.clone()) };
                     let points = points.clone() + dvr_render::axis_direction(&query, axis) * (side * 0.5e-3);
                     field.occupancy_logit(&Query { points, ..query })
                 };
@@ -215,6 +215,12 @@ impl Field for BoundDecoder {
         self.bound().map_or_else(|| self.decoder.evaluate(query), |bound| bound.evaluate(query))
     }
 
+    fn device(&self) -> Device {
+        self.decoder.device()
+    }
+}
+
+impl Differentiable for BoundDecoder {
     fn jet(&self, query: &Query, direction: Tensor<2>) -> FieldJet {
         match self.bound() {
             Some(bound) => bound.jet(query, direction),
@@ -225,11 +231,9 @@ impl Field for BoundDecoder {
     fn occupancy_gradient(&self, query: &Query) -> Tensor<2> {
         self.bound().map_or_else(|| self.decoder.occupancy_gradient(query), |bound| bound.occupancy_gradient(query))
     }
-
-    fn device(&self) -> Device {
-        self.decoder.device()
-    }
 }
+
+impl Crossing for BoundDecoder {}
 
 /// The value that the reference reads at a pixel location in [-1, 1]: nearest, `align_corners=False`, 0 outside the
 /// image (fault 13: up to half a pixel off).
@@ -358,10 +362,7 @@ fn a_whole_training_step_has_the_originals_losses_gradients_and_adam_step() {
                 let scale = step.batch.len() as f64 / step.images as f64;
                 let (object, points): (Vec<i64>, Vec<[f64; 3]>) = step.outside.iter().copied().unzip();
                 let object = Tensor::<1, Int>::from_data(TensorData::new(object, [points.len()]), &device);
-                let query = Query {
-                    points: Tensor::from_inner(tensor3(&points, &device)),
-                    object: Some(Tensor::from_inner(object)),
-                };
+                let query = Query { object: Some(object), ..Query::new(tensor3(&points, &device)) }.lifted();
                 let outside = losses::free_space(field.occupancy_logit(&query)) / step.batch.len() as f64;
                 loss.total = loss.total + outside.clone();
                 loss.terms.push(("free_space", outside));

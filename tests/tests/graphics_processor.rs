@@ -15,8 +15,8 @@ use dvr_core::{Camera, Ray, Scene, UnitCube};
 use dvr_model::{Conditioned, Decoder, DecoderConfig};
 use dvr_render::extract::FieldSurface;
 use dvr_render::{
-    Field, FieldShader, March, MarchSettings, Marcher, Query, RayStatus, Rays, RenderSettings, RootMethod, Shader,
-    SlopeRule, Surface, TensorMarcher,
+    Crossing, Differentiable, Field, FieldShader, March, MarchSettings, Marcher, Query, RayStatus, Rays,
+    RenderSettings, RootMethod, Shader, SlopeRule, Surface, TensorMarcher,
 };
 use dvr_tests::{
     graphics_processor, max_difference, numbers, relative_difference, rendered_scene, seeded, tensor1, tensor3,
@@ -146,7 +146,7 @@ fn the_kernel_and_tensors_on_the_device_find_what_tensors_on_the_cpu_find() {
             let jitter = |device: &Device| jittered.then(|| tensor1(&jitter, device));
             let truth = TensorMarcher::new(&decoder, settings).march(&rays(&Device::flex()), jitter(&Device::flex()));
             let kernel =
-                on_gpu.device_marcher(settings).expect("a kernel for this network").march(&rays(&gpu), jitter(&gpu));
+                on_gpu.own_marcher(settings).expect("a kernel for this network").march(&rays(&gpu), jitter(&gpu));
             assert_same_march(&kernel, &truth, &format!("{name}, kernel, {steps} samples, {root:?}"));
             if jittered {
                 let tensors = TensorMarcher::new(&on_gpu, settings).march(&rays(&gpu), jitter(&gpu));
@@ -175,7 +175,7 @@ fn rays_of_many_objects_meet_their_own_in_the_kernel() {
     let settings = MarchSettings { steps: 32, ..MarchSettings::default() };
     let truth = TensorMarcher::new(decoder.with_codes(codes(&flex)), settings).march(&rays_of_three(&flex), None);
     let on_gpu: Conditioned = decoder.to_device(&gpu).with_codes(codes(&gpu));
-    let ours = on_gpu.device_marcher(settings).expect("a kernel").march(&rays_of_three(&gpu), None);
+    let ours = on_gpu.own_marcher(settings).expect("a kernel").march(&rays_of_three(&gpu), None);
     assert_same_march(&ours, &truth, "three objects");
 }
 

@@ -134,7 +134,7 @@ fn a_field_looks_the_same_on_the_device() {
     };
     let logits = here.logits(&points).into_iter().zip(there.logits(&points));
     assert!(logits.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max) < 1e-6);
-    let colors = [&here as &dyn ScalarField, &there].map(|field| field.colors(&points, &points).unwrap());
+    let colors = [&here as &dyn ScalarField, &there].map(|field| field.colors(&points, &points, None).unwrap());
     assert!(farthest(&colors[0], &colors[1]) < 1e-5);
     assert!(colors[1].as_flattened().contains(&0.0), "clamped");
     let gradients = [&here as &dyn ScalarField, &there].map(|field| field.gradients(&points).unwrap());

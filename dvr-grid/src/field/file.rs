@@ -12,7 +12,7 @@ use flate2::Compression;
 use flate2::read::DeflateDecoder;
 use flate2::write::DeflateEncoder;
 
-use crate::field::{GridField, GridValues};
+use crate::field::grid_field::{GridField, GridValues};
 
 /// Bytes that cannot be read as a grid field.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -240,7 +240,7 @@ mod tests {
     use glam::Vec3;
 
     use super::*;
-    use crate::field::tests::ball;
+    use crate::field::grid_field::tests::ball;
 
     #[test]
     fn the_surface_and_its_colours_survive() {
@@ -254,7 +254,7 @@ mod tests {
             let point = 0.3 * direction;
             let value = |f: &GridField| f.shape().grid.value(&f.shape().values, point);
             assert!((value(&field) - value(&read)).abs() <= 0.51 * cell / STEPS_PER_CELL);
-            for (a, b) in field.color_at(point).iter().zip(read.color_at(point)) {
+            for (a, b) in field.color_at(point, None).iter().zip(read.color_at(point, None)) {
                 assert!((a - b).abs() < 0.5 * 1.5 / LAST_COLOR + 1e-4, "{a} {b}");
             }
         }

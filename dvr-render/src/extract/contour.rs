@@ -2,16 +2,17 @@
 
 use glam::Vec3;
 
-use super::Evaluations;
 use super::components::{compact, retain_large, select};
 use super::dual::DualMesh;
 use super::error::Result;
-use super::field::{Sampler, ScalarField};
+use super::extraction::Evaluations;
 use super::grid::SparseGrid;
 use super::normals::{face_normals, field_normals};
 use super::refine::refine_crossings;
+use super::sampler::Sampler;
 use super::settings::{Contour, ExtractSettings, NormalSource};
 use super::surface::{Crossing, triangulate};
+use crate::field::scalar::ScalarField;
 
 /// Step of the central differences at vertices, in cells: about the detail that the mesh has.
 const VERTEX_STEP: f64 = 0.25;

@@ -13,9 +13,10 @@
 use glam::{UVec3, Vec3};
 
 use super::error::{ExtractError, Result};
-use super::field::{Sampler, ScalarField};
 use super::grid::{GridGeometry, Slot, SparseGrid};
 use super::marching_cubes::{FACE_CORNERS, case, corner_offset, edge_axis, edge_start};
+use super::sampler::Sampler;
+use crate::field::scalar::ScalarField;
 
 /// The finest grid, with every cell that the surface passes through.
 pub(super) struct Located {

@@ -22,7 +22,7 @@ mod components;
 mod contour;
 mod dual;
 mod error;
-mod field;
+mod extraction;
 mod field_surface;
 mod grid;
 mod marching_cubes;
@@ -30,76 +30,23 @@ mod mise;
 mod normals;
 mod qef;
 mod refine;
+mod sampler;
 mod settings;
 mod surface;
 
 use dvr_core::mesh::Mesh;
 use glam::Vec3;
 
+pub use crate::field::scalar::ScalarField;
 pub use components::{count_components, drop_small_components};
 pub use error::{ExtractError, Result};
-pub use field::ScalarField;
+pub use extraction::{Evaluations, ExtractWarning, Extraction};
 pub use field_surface::FieldSurface;
 pub use settings::{Contour, ExtractSettings, NormalSource};
 
 use contour::Contoured;
-use field::{Sampler, check};
 use grid::GridGeometry;
-
-/// A mesh and how it came about.
-#[derive(Clone, Debug)]
-pub struct Extraction {
-    /// The level set, in object space, with normals, and with colours if the field has any. Never empty.
-    pub mesh: Mesh,
-    /// Cells along an edge of the final grid.
-    pub resolution: usize,
-    /// What it cost.
-    pub evaluations: Evaluations,
-    /// Connected pieces of the mesh.
-    pub components: usize,
-    /// Pieces that were too small to stay.
-    pub dropped_components: usize,
-    /// What the user should know about this mesh.
-    pub warnings: Vec<ExtractWarning>,
-}
-
-/// How many points the field was evaluated at, by purpose.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Evaluations {
-    /// At the nodes of the grids.
-    pub grid: usize,
-    /// On edges, to refine the crossings.
-    pub refinement: usize,
-    /// For the normals: one a vertex (of dual contouring: a crossing) if the field has gradients, else six.
-    pub normals: usize,
-}
-
-impl Evaluations {
-    /// All together.
-    pub fn total(&self) -> usize {
-        self.grid + self.refinement + self.normals
-    }
-}
-
-/// A reason to look at a mesh twice.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum ExtractWarning {
-    /// The object sticks out of the cube.
-    #[error(
-        "the surface is cut by the border of the cube ({vertices} vertices lie there): \
-         raise `padding`, or check the scene's bounds"
-    )]
-    CutByCube {
-        /// Vertices on the border.
-        vertices: usize,
-    },
-    /// The coarse grid, and the seeds, saw nothing.
-    #[error("the surface was only seen on a grid of {resolution}^3 cells: use fewer upsampling steps")]
-    TooCoarse {
-        /// Cells an edge of the coarsest grid that met the surface.
-        resolution: usize,
-    },
-}
+use sampler::{Sampler, check};
 
 /// Extracts the level set of a field.
 ///
@@ -146,7 +93,7 @@ fn vertex_colors<F: ScalarField + ?Sized>(
 ) -> Result<Option<Vec<[f32; 3]>>> {
     let mut colors = Vec::with_capacity(vertices.len());
     for (points, normals) in vertices.chunks(max_points).zip(normals.chunks(max_points)) {
-        let Some(batch) = field.colors(points, normals) else { return Ok(None) };
+        let Some(batch) = field.colors(points, normals, None) else { return Ok(None) };
         check("colors", points, &batch, |color| color.iter().all(|channel| channel.is_finite()))?;
         colors.extend(batch.into_iter().map(|color| color.map(|channel| channel.clamp(0.0, 1.0))));
     }

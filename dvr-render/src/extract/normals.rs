@@ -3,7 +3,8 @@
 use glam::Vec3;
 
 use super::error::Result;
-use super::field::{Sampler, ScalarField, check};
+use super::sampler::{Sampler, check};
+use crate::field::scalar::ScalarField;
 
 /// Normals `-g / |g|` from the gradient `g` of the logit; `fallback` where there is no gradient.
 ///

@@ -6,9 +6,10 @@
 use glam::Vec3;
 
 use super::error::Result;
-use super::field::{Sampler, ScalarField};
 use super::grid::GridGeometry;
+use super::sampler::Sampler;
 use super::surface::{Crossing, keep_off_nodes};
+use crate::field::scalar::ScalarField;
 
 /// A vertex is done when a further evaluation moves it by less than this, in units of the edge. As the evaluations are
 /// not where the vertex is expected, the field is then known to be straight enough there.

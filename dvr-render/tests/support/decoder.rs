@@ -71,7 +71,7 @@ impl ScalarField for Decoder {
         points.iter().map(|&point| self.forward(point)[0]).collect()
     }
 
-    fn colors(&self, points: &[Vec3], _: &[Vec3]) -> Option<Vec<[f32; 3]>> {
+    fn colors(&self, points: &[Vec3], _: &[Vec3], _: Option<&[Vec3]>) -> Option<Vec<[f32; 3]>> {
         let sigmoid = |x: f32| 1.0 / (1.0 + (-x).exp());
         Some(points.iter().map(|&point| self.forward(point)).map(|[_, r, g, b]| [r, g, b].map(sigmoid)).collect())
     }

@@ -152,10 +152,8 @@ fn occupancy_loss(field: &Conditioned, points: &[Vec3], inside: &[bool], owner: 
     let n = points.len();
     let flat: Vec<f32> = points.iter().flat_map(Vec3::to_array).collect();
     let sign: Vec<f32> = inside.iter().map(|&inside| if inside { 1.0 } else { -1.0 }).collect();
-    let query = Query {
-        points: Tensor::from_data(TensorData::new(flat, [n, 3]), device),
-        object: Some(rows_tensor(owner, device)),
-    };
+    let points = Tensor::from_data(TensorData::new(flat, [n, 3]), device);
+    let query = Query { object: Some(rows_tensor(owner, device)), ..Query::new(points) };
     let logit = field.occupancy_logit(&query);
     let predicted: Vec<bool> = logit.clone().inner().into_data().iter::<f32>().map(|logit| logit >= 0.0).collect();
     let count = |holds: fn(bool, bool) -> bool| predicted.iter().zip(inside).filter(|&(&a, &b)| holds(a, b)).count();

@@ -1,48 +1,23 @@
-//! What rays see: the common view of fields and meshes.
+//! A field, marched.
 
 use burn::tensor::Tensor;
-use dvr_core::mesh::Mesh;
-use dvr_core::{Bvh, Ray, UnitCube};
+use dvr_core::{Ray, UnitCube};
 use glam::Vec3;
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::chunks::{in_parallel, points_at_once};
 use crate::extract::{FieldSurface, ScalarField};
-use crate::field::Field;
-use crate::march::{Hits, MarchSettings};
-use crate::rays::Rays;
+use crate::field::Crossing;
+use crate::march::{Hits, MarchSettings, Rays};
+use crate::shade::shader::{Shaded, Shader};
 use crate::skip::SkipGrid;
-
-/// Something to look at: a field through its marcher, or a mesh. Pictures, validation and evaluation know nothing else.
-pub trait Shader: Sync {
-    /// What each ray sees, in the rays' order; `None` where it sees nothing.
-    fn shade(&self, rays: &[Ray]) -> Vec<Option<Shaded>>;
-}
-
-impl<S: Shader + ?Sized> Shader for &S {
-    fn shade(&self, rays: &[Ray]) -> Vec<Option<Shaded>> {
-        (**self).shade(rays)
-    }
-}
-
-/// What one ray sees.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Shaded {
-    /// Ray depth.
-    pub depth: f32,
-    /// sRGB colour in `[0, 1]`.
-    pub color: [f32; 3],
-    /// Outward unit normal.
-    pub normal: [f32; 3],
-}
 
 /// How a field is looked at.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RenderSettings {
     /// Samples across the *whole* cube; a ray that may only meet the object in a part of it gets its share.
     pub march: MarchSettings,
-    /// Rays in flight at once, a thread of a CPU; on a GPU, its memory says how many.
+    /// Rays in flight at once per thread of a CPU; on a GPU, its memory says how many.
     pub max_rays: usize,
 }
 
@@ -52,14 +27,15 @@ impl Default for RenderSettings {
     }
 }
 
-/// A field, marched.
-pub struct FieldShader<'a, F> {
+/// A field as rays see it: through its own renderer where it has one, else marched. Colours are asked with the rays'
+/// directions.
+pub struct FieldShader<'a, F: ?Sized> {
     surface: FieldSurface<&'a F>,
     settings: RenderSettings,
     skip: Option<&'a SkipGrid>,
 }
 
-impl<'a, F: Field> FieldShader<'a, F> {
+impl<'a, F: Crossing + ?Sized> FieldShader<'a, F> {
     /// A field that must not track gradients, searched in the whole cube or in what `skip` leaves of it.
     pub fn new(field: &'a F, settings: RenderSettings, skip: Option<&'a SkipGrid>) -> Self {
         Self { surface: FieldSurface::new(field), settings, skip }
@@ -71,12 +47,16 @@ impl<'a, F: Field> FieldShader<'a, F> {
         if self.surface.asks_tensors() {
             return self.shade_on_device(&hits);
         }
-        let flat: Vec<f32> = hits.points().into_data().iter::<f32>().collect();
-        let points: Vec<Vec3> = flat.as_chunks().0.iter().map(|&p| Vec3::from_array(p)).collect();
-        // A field answers both: what has no gradient or colour is no `Field`.
+        let query = hits.query();
+        let points = vectors(query.points);
+        let directions = query.directions.map(vectors);
+        // A snapshot of a field answers both.
         let gradients = self.surface.gradients(&points).unwrap_or_else(|| vec![Vec3::ZERO; points.len()]);
         let normals: Vec<Vec3> = gradients.into_iter().map(|gradient| (-gradient).normalize_or_zero()).collect();
-        let colors = self.surface.colors(&points, &normals).unwrap_or_else(|| vec![[1.0; 3]; points.len()]);
+        let colors = self
+            .surface
+            .colors(&points, &normals, directions.as_deref())
+            .unwrap_or_else(|| vec![[1.0; 3]; points.len()]);
         let depth = hits.depth.into_data();
         let index = hits.index.into_data();
         index
@@ -88,7 +68,7 @@ impl<'a, F: Field> FieldShader<'a, F> {
     }
 }
 
-impl<F: Field> FieldShader<'_, F> {
+impl<F: Crossing + ?Sized> FieldShader<'_, F> {
     /// What the hits show, evaluated where they lie and read back at once.
     fn shade_on_device(&self, hits: &Hits) -> Vec<(usize, Shaded)> {
         let query = hits.query();
@@ -107,8 +87,11 @@ impl<F: Field> FieldShader<'_, F> {
     }
 }
 
-impl<F: Field> Shader for FieldShader<'_, F> {
+impl<F: Crossing + ?Sized> Shader for FieldShader<'_, F> {
     fn shade(&self, rays: &[Ray]) -> Vec<Option<Shaded>> {
+        if let Some(own) = self.surface.field().own_shader() {
+            return own.shade(rays);
+        }
         let cube = UnitCube::default();
         let device = self.surface.field().device();
         let whole = 2.0 * cube.half_extent();
@@ -151,39 +134,8 @@ impl<F: Field> Shader for FieldShader<'_, F> {
     }
 }
 
-/// A mesh in object space with vertex colours, unlit; white where it has none.
-#[derive(Debug)]
-pub struct MeshShader<'a> {
-    mesh: &'a Mesh,
-    bvh: Bvh,
-}
-
-impl<'a> MeshShader<'a> {
-    /// Builds the hierarchy that finds hits.
-    pub fn new(mesh: &'a Mesh) -> Self {
-        Self { mesh, bvh: Bvh::new(mesh) }
-    }
-
-    fn shade_ray(&self, ray: &Ray) -> Option<Shaded> {
-        let hit = self.bvh.closest_hit(ray, 0.0, f64::INFINITY)?;
-        let corners = self.mesh.faces[hit.face as usize].map(|i| i as usize);
-        let weights = hit.barycentric.map(|weight| weight as f32);
-        let blend = |values: &dyn Fn(usize) -> Vec3| -> Vec3 { (0..3).map(|k| values(corners[k]) * weights[k]).sum() };
-        let color = match &self.mesh.colors {
-            Some(colors) => blend(&|i| colors[i].into()).to_array(),
-            None => [1.0; 3],
-        };
-        let [a, b, c] = self.mesh.triangle(hit.face as usize);
-        let normal = match &self.mesh.normals {
-            Some(normals) => blend(&|i| normals[i]),
-            None => (b - a).cross(c - a),
-        };
-        Some(Shaded { depth: hit.ray_depth as f32, color, normal: normal.normalize_or_zero().to_array() })
-    }
-}
-
-impl Shader for MeshShader<'_> {
-    fn shade(&self, rays: &[Ray]) -> Vec<Option<Shaded>> {
-        rays.par_iter().map(|ray| self.shade_ray(ray)).collect()
-    }
+/// Rows of an `[n, 3]` tensor.
+fn vectors(tensor: Tensor<2>) -> Vec<Vec3> {
+    let flat: Vec<f32> = tensor.into_data().iter::<f32>().collect();
+    flat.as_chunks().0.iter().map(|&v| Vec3::from_array(v)).collect()
 }

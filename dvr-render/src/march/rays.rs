@@ -3,6 +3,8 @@
 use burn::tensor::{Device, Int, Tensor, TensorData};
 use dvr_core::{Ray, UnitCube};
 
+use crate::field::query::Query;
+
 /// `n` rays `r(d) = origin + d * direction`, each with the interval of depths in which it may meet the object.
 #[derive(Clone, Debug)]
 pub struct Rays {
@@ -84,8 +86,18 @@ impl Rays {
         }
     }
 
-    /// The points at one depth a ray, `[n, 3]`.
+    /// The points at one depth per ray, `[n, 3]`.
     pub fn at(&self, depth: Tensor<1>) -> Tensor<2> {
         self.origin.clone() + self.direction.clone() * depth.unsqueeze_dim(1)
+    }
+
+    /// The points at one depth per ray, without a view: what occupancy is asked.
+    pub fn query_at(&self, depth: Tensor<1>) -> Query {
+        Query { object: self.object.clone(), ..Query::new(self.at(depth)) }
+    }
+
+    /// Unit vectors along the rays, `[n, 3]`.
+    pub fn viewing_directions(&self) -> Tensor<2> {
+        self.direction.clone() / self.direction.clone().square().sum_dim(1).sqrt()
     }
 }

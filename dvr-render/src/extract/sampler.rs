@@ -1,40 +1,9 @@
-//! What extraction asks of a field, and the counting and checking of the answers.
+//! Asking a field in batches, and the counting and checking of its answers.
 
 use glam::Vec3;
 
 use super::error::{ExtractError, Result};
-
-/// An implicit function, known by evaluation at batches of points only.
-///
-/// Any closure from points to logits is one. Batches are at most [`ExtractSettings::max_points`] long and come one
-/// after the other: spread the work over threads or a GPU inside the implementation.
-///
-/// [`ExtractSettings::max_points`]: super::ExtractSettings::max_points
-pub trait ScalarField {
-    /// The occupancy logit at each point, positive inside.
-    fn logits(&self, points: &[Vec3]) -> Vec<f32>;
-
-    /// The gradient of the logit at each point, or `None` if only [`ScalarField::logits`] can be had; normals then come
-    /// from central differences, six evaluations a vertex.
-    fn gradients(&self, points: &[Vec3]) -> Option<Vec<Vec3>> {
-        let _ = points;
-        None
-    }
-
-    /// The sRGB colour in `[0, 1]` at each point of the surface, or `None` if the field has no colour.
-    ///
-    /// `normals` are the outward unit normals at the points, for fields whose colour depends on them.
-    fn colors(&self, points: &[Vec3], normals: &[Vec3]) -> Option<Vec<[f32; 3]>> {
-        let _ = (points, normals);
-        None
-    }
-}
-
-impl<F: Fn(&[Vec3]) -> Vec<f32>> ScalarField for F {
-    fn logits(&self, points: &[Vec3]) -> Vec<f32> {
-        self(points)
-    }
-}
+use crate::field::scalar::ScalarField;
 
 /// Evaluates a field in batches, checks the answers, and keeps count.
 pub(super) struct Sampler<'a, F: ?Sized> {

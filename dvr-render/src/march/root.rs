@@ -1,7 +1,7 @@
 //! Root search in a bracket: where on the ray does the logit cross zero?
 //!
 //! All rays search together, a fixed number of evaluations each, without data-dependent control flow: one evaluation
-//! of the field a step for the whole batch, on any device.
+//! of the field per step for the whole batch, on any device.
 
 use burn::tensor::{Bool, Tensor};
 use serde::{Deserialize, Serialize};
@@ -13,7 +13,7 @@ pub enum RootMethod {
     /// False position, called "secant" in the paper (section 3.2). One end of the bracket may stay where it is for
     /// ever: with strongly unequal logits it stalls.
     Secant,
-    /// Halving the bracket: one bit a step, whatever the function.
+    /// Halving the bracket: one bit per step, whatever the function.
     Bisection,
     /// Chandrupatla's method (1997; Scherer, Computational Physics, section 6.1.7.3): inverse quadratic interpolation
     /// where it is safe, bisection where it is not. It keeps a bracket and cannot stall.
@@ -21,7 +21,7 @@ pub enum RootMethod {
     Chandrupatla,
 }
 
-/// Brackets of a crossing from outside to inside, one a ray.
+/// Brackets of a crossing from outside to inside, one per ray.
 #[derive(Clone, Debug)]
 pub struct Bracket {
     /// Depth of the last sample outside, `[n]`.
@@ -35,7 +35,7 @@ pub struct Bracket {
 }
 
 impl RootMethod {
-    /// Depths of the crossings, `[n]`, after `steps` evaluations of `logit` (depths `[n]` to logits `[n]`) a ray.
+    /// Depths of the crossings, `[n]`, after `steps` evaluations of `logit` (depths `[n]` to logits `[n]`) per ray.
     pub fn find(self, bracket: Bracket, steps: usize, logit: impl Fn(Tensor<1>) -> Tensor<1>) -> Tensor<1> {
         match self {
             Self::Secant => shrink(bracket, steps, logit, false_position),

@@ -4,15 +4,16 @@ use burn::tensor::{Device, Int, Tensor, TensorData};
 use glam::Vec3;
 use rayon::prelude::*;
 
-use crate::field::Snapshot;
-use crate::march::{Hits, March, MarchSettings, Marcher, RayStatus};
-use crate::rays::Rays;
-use crate::root::Bracket;
+use crate::field::crossing::Snapshot;
+use crate::march::host_rays::HostRays;
+use crate::march::marcher::{Hits, March, MarchSettings, Marcher, RayStatus};
+use crate::march::rays::Rays;
+use crate::march::root::Bracket;
 
-/// Marches through gradient-free snapshots of a field, one an object: the same samples as those of
+/// Marches through gradient-free snapshots of a field, one per object: the same samples as those of
 /// [`TensorMarcher`](crate::TensorMarcher), but none behind the first crossing.
 ///
-/// Of a ray that hits or starts inside, [`March::max_logit_depth`] is the densest of the samples that were looked at.
+/// Of a ray that hits or starts inside, [`March::max_logit_depth`] is that of the samples that were looked at.
 pub struct SnapshotMarcher<'a> {
     snapshots: &'a [Snapshot],
     settings: MarchSettings,
@@ -39,7 +40,7 @@ impl<'a> SnapshotMarcher<'a> {
         let steps = self.settings.steps;
         let mut found = vec![Sampled::default(); chunk.len()];
         let mut last = vec![f32::NAN; chunk.len()];
-        let mut densest = vec![f32::NEG_INFINITY; chunk.len()];
+        let mut largest = vec![f32::NEG_INFINITY; chunk.len()];
         let mut active: Vec<usize> =
             (0..chunk.len()).filter(|&i| rays.entry[chunk[i]] <= rays.exit[chunk[i]]).collect();
         for (i, sampled) in found.iter_mut().enumerate() {
@@ -57,8 +58,8 @@ impl<'a> SnapshotMarcher<'a> {
             let mut values = logits.chunks(count);
             active.retain(|&i| {
                 for (k, &logit) in (first..).zip(values.next().unwrap_or_default()) {
-                    if logit > densest[i] {
-                        densest[i] = logit;
+                    if logit > largest[i] {
+                        largest[i] = logit;
                         found[i].max_logit_depth = rays.depth_of(chunk[i], k, steps);
                     }
                     // A logit of exactly 0 is on the surface, hence inside; NaN is outside.
@@ -77,7 +78,7 @@ impl<'a> SnapshotMarcher<'a> {
         found
     }
 
-    /// Logits at one point a ray.
+    /// Logits at one point per ray.
     fn logits(&self, rays: &HostRays, indices: &[usize], points: &[Vec3]) -> Vec<f32> {
         if rays.object.is_none() {
             return self.snapshots[0].logits(points);
@@ -154,52 +155,6 @@ impl Marcher for SnapshotMarcher<'_> {
             status: sampled.iter().map(Sampled::status).collect(),
             max_logit_depth: floats(sampled.iter().map(|s| s.max_logit_depth).collect(), &device),
         }
-    }
-}
-
-/// A batch of rays as numbers.
-struct HostRays {
-    origin: Vec<Vec3>,
-    direction: Vec<Vec3>,
-    entry: Vec<f32>,
-    exit: Vec<f32>,
-    jitter: Option<Vec<f32>>,
-    object: Option<Vec<usize>>,
-}
-
-impl HostRays {
-    fn new(rays: &Rays, jitter: Option<Tensor<1>>) -> Self {
-        let numbers = |values: Tensor<1>| values.into_data().iter::<f32>().collect::<Vec<_>>();
-        let vectors = |values: &Tensor<2>| {
-            let flat: Vec<f32> = values.clone().into_data().iter::<f32>().collect();
-            flat.as_chunks().0.iter().map(|&v| Vec3::from_array(v)).collect()
-        };
-        let object = rays.object.clone().map(|object| object.into_data().iter::<i64>().map(|i| i as usize).collect());
-        Self {
-            origin: vectors(&rays.origin),
-            direction: vectors(&rays.direction),
-            entry: numbers(rays.entry.clone()),
-            exit: numbers(rays.exit.clone()),
-            jitter: jitter.map(numbers),
-            object,
-        }
-    }
-
-    fn object(&self, ray: usize) -> usize {
-        self.object.as_ref().map_or(0, |object| object[ray])
-    }
-
-    fn at(&self, ray: usize, depth: f32) -> Vec3 {
-        self.origin[ray] + self.direction[ray] * depth
-    }
-
-    /// Depth of a sample, of so many.
-    fn depth_of(&self, ray: usize, sample: usize, samples: usize) -> f32 {
-        let share = match &self.jitter {
-            None => sample as f32 / (samples - 1) as f32,
-            Some(jitter) => (sample as f32 + jitter[ray]) / samples as f32,
-        };
-        self.entry[ray] + (self.exit[ray] - self.entry[ray]) * share
     }
 }
 
