@@ -20,7 +20,7 @@ static FIRST_PANIC: Mutex<Option<String>> = Mutex::new(None);
 
 /// Opens one of the graphics processors that `dvr devices` lists, and warns if it is none.
 pub fn open(index: usize) -> Result<Device> {
-    let Gpu { device, adapter } = dvr_gpu::open(index).map_err(|e| anyhow!("{e}; {REMEDY}"))?;
+    let Gpu { device, adapter } = dvr_gpu::open(index)?;
     static SAID: Once = Once::new();
     SAID.call_once(|| {
         eprintln!("computing on gpu:{index}, {} ({})", adapter.name, adapter.api);
@@ -37,7 +37,7 @@ pub fn open(index: usize) -> Result<Device> {
 /// Opens an NVIDIA card through CUDA.
 #[cfg(feature = "cuda")]
 pub fn open_cuda(index: usize) -> Result<Device> {
-    let device = dvr_gpu::open_cuda(index).map_err(|e| anyhow!("{e}; {REMEDY}"))?;
+    let device = dvr_gpu::open_cuda(index)?;
     static SAID: Once = Once::new();
     SAID.call_once(|| keep_panics(format!("cuda:{index}")));
     Ok(device)

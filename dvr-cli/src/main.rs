@@ -7,6 +7,7 @@ mod commands;
 mod gpu;
 mod memory;
 mod progress;
+mod remedy;
 
 use std::process::ExitCode;
 
@@ -35,6 +36,9 @@ fn main() -> ExitCode {
         Ok(code) => code,
         Err(error) => {
             eprintln!("error: {error:#}");
+            if let Some(remedy) = remedy::remedy(&error) {
+                eprintln!("help: {remedy}");
+            }
             ExitCode::from(EXIT_BAD_INPUT)
         }
     }

@@ -1,4 +1,4 @@
-//! Checkpoints of the original as runs, and pictures as meshes.
+//! Checkpoints of DVR's reference code as runs, and pictures as meshes.
 
 mod support;
 
@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use dvr_core::files::{read_rgb, write_rgb_png, write_rgba_png};
 use dvr_core::mesh::read_mesh;
 use dvr_core::npz::{Array, write_npz};
-use dvr_tests::{Entry, shared, write_pytorch};
+use dvr_tests::{Entry, fixture, write_pytorch};
 use image::{Rgb, RgbImage, Rgba, RgbaImage};
 use safetensors::SafeTensors;
 use support::{Tiny, dvr, refuses, succeeds, text};
@@ -254,15 +254,15 @@ fn what_is_no_checkpoint_of_the_original_is_named() {
 }
 
 #[test]
-fn the_originals_own_checkpoint_is_exported_as_it_was() {
-    let Some(fixtures) = shared("fixtures") else { return };
+fn a_checkpoint_of_the_reference_code_is_exported_as_it_was() {
+    let Some(reference) = fixture("decoder_c0_h64.safetensors") else { return };
     let tiny = Tiny::new();
     for name in ["decoder_c0_h64.pt", "decoder_c0_h64_legacy.pt"] {
         let (run, exported) = (tiny.path(name), tiny.path("net.safetensors"));
-        let output = dvr(&["import", text(&fixtures.join(name)), "--out", text(&run)]);
+        let output = dvr(&["import", text(&fixture(name).unwrap()), "--out", text(&run)]);
         assert!(succeeds(&output).contains("with the state of Adam"));
         succeeds(&dvr(&["export", text(&run), "--out", text(&exported)]));
-        let bytes = [exported, fixtures.join("decoder_c0_h64.safetensors")].map(|path| std::fs::read(path).unwrap());
+        let bytes = [&exported, &reference].map(|path| std::fs::read(path).unwrap());
         let [ours, theirs] = bytes.each_ref().map(|bytes| SafeTensors::deserialize(bytes).unwrap());
         assert_eq!(ours.len(), theirs.len());
         assert!(theirs.iter().all(|(name, tensor)| ours.tensor(name).unwrap() == tensor), "bit for bit");

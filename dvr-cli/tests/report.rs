@@ -2,7 +2,7 @@
 
 mod support;
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
@@ -124,10 +124,7 @@ fn two_runs_side_by_side_live_in_a_browser() {
     succeeds(&dvr(&["report", text(&tiny.path("a")), text(&tiny.path("b")), "--out", text(&page)]));
     let html = std::fs::read_to_string(&page).unwrap();
     assert!(html.contains("Side by side") && html.contains("2 runs side by side"));
-    let Some(browser) = browser() else {
-        println!("skipped: there is no chromium or chrome here to open the page with");
-        return;
-    };
+    let Some(browser) = dvr_tests::browser() else { return };
     let visited = tiny.path("visited.html");
     std::fs::write(&visited, html.replace("</head>", &format!("{VISITOR}</head>"))).unwrap();
 
@@ -144,13 +141,6 @@ fn two_runs_side_by_side_live_in_a_browser() {
     let said = visit(&browser, &visited, &["--disable-3d-apis"]);
     assert_eq!(said["errors"], serde_json::json!([]), "{said}");
     assert!(said["message"] == true && said["state"] == "message" && said["tab"] == true, "{said}");
-}
-
-/// A Chromium on this machine.
-fn browser() -> Option<PathBuf> {
-    let paths = std::env::var_os("PATH")?;
-    let names = ["chromium", "chromium-browser", "google-chrome", "google-chrome-stable"];
-    std::env::split_paths(&paths).flat_map(|folder| names.map(|name| folder.join(name))).find(|path| path.is_file())
 }
 
 /// Opens a page and gives what the visitor said. The browser's console must hold no error until then.

@@ -4,25 +4,13 @@ use std::path::{Path, PathBuf};
 
 use dvr_core::Observation;
 use dvr_core::mesh::{Mesh, read_mesh, read_mesh_with_warnings, shapes, write_mesh};
+use dvr_test_support::{max_difference, scene};
 use glam::{Vec2, Vec3};
-
-fn shared(path: &str) -> Option<PathBuf> {
-    let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared")).join(path);
-    if !path.exists() {
-        println!("skipped: ../shared is not here");
-        return None;
-    }
-    Some(path)
-}
 
 fn coloured_torus() -> Mesh {
     let mut mesh = shapes::torus(0.3, 0.1, 12, 8);
     mesh.colors = Some(mesh.vertices.iter().map(|v| [0.5 + v.x, 0.5 + v.y, 0.02 + v.z.abs()]).collect());
     mesh
-}
-
-fn largest_difference(a: impl IntoIterator<Item = f32>, b: impl IntoIterator<Item = f32>) -> f32 {
-    a.into_iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
 }
 
 #[test]
@@ -39,9 +27,9 @@ fn a_mesh_comes_back_from_every_format_as_it_was_written() {
         assert_eq!((&back.vertices, &back.faces), (&mesh.vertices, &mesh.faces), "{name}");
         let flat = |normals: &Option<Vec<Vec3>>| normals.as_ref().unwrap().iter().flat_map(|n| n.to_array()).collect();
         let (found, expected): (Vec<f32>, Vec<f32>) = (flat(&back.normals), flat(&mesh.normals));
-        assert!(largest_difference(found, expected) < 1e-6, "{name}");
+        assert!(max_difference(&found, &expected) < 1e-6, "{name}");
         let colors = |m: &Mesh| m.colors.as_ref().unwrap().concat();
-        assert!(largest_difference(colors(&back), colors(&mesh)) < tolerance, "{name}");
+        assert!(max_difference(&colors(&back), &colors(&mesh)) < tolerance, "{name}");
     }
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 3, "nothing else is left in the folder");
 }
@@ -158,7 +146,7 @@ fn files_below(folder: &Path, found: &mut Vec<PathBuf>) {
 
 #[test]
 fn models_of_other_programs_are_read_with_their_textures() {
-    let Some(folder) = shared("scenes/meshes") else { return };
+    let Some(folder) = scene("meshes") else { return };
     let mut paths = Vec::new();
     files_below(&folder, &mut paths);
     paths.retain(|p| p.extension().is_some_and(|e| e == "obj" || e == "glb"));
@@ -180,7 +168,7 @@ fn models_of_other_programs_are_read_with_their_textures() {
 
 #[test]
 fn spot_is_closed_and_has_the_right_size() {
-    let Some(path) = shared("scenes/meshes/spot/spot.obj") else { return };
+    let Some(path) = scene("meshes/spot/spot.obj") else { return };
     let spot = read_mesh(path).unwrap();
     assert_eq!((spot.mesh.vertices.len(), spot.mesh.faces.len()), (2930, 5856));
     assert_eq!(spot.corner_uvs.len(), 5856);

@@ -378,11 +378,7 @@ fn a_collection_is_rendered_divided_and_taken_up_again() {
 
 #[test]
 fn another_renderers_depth_maps_are_met() {
-    let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/scenes/rendered/res64"));
-    if !folder.exists() {
-        println!("skipped: ../shared is not here");
-        return;
-    }
+    let Some(folder) = dvr_test_support::scene("rendered/res64") else { return };
     for scene in ["bunny", "rods", "plate", "sharp"] {
         let mut files = ReadBack::open(folder.join(scene).join(scene));
         let mesh = read_mesh(files.folder.join("mesh.ply")).unwrap();

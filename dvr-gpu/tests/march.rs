@@ -1,7 +1,7 @@
 //! The kernel against its twin in plain Rust: the same network, the same march, one number after the other.
 
 use burn::tensor::{Device, Int, Tensor, TensorData};
-use dvr_gpu::{PackedDecoder, RaySearch, Root, march_decoder};
+use dvr_gpu::{Gpu, PackedDecoder, RaySearch, Root, march_decoder};
 
 /// Uniform numbers in `[-1, 1)` (Knuth's linear congruence).
 struct Random(u64);
@@ -176,10 +176,7 @@ fn on_device(network: &Network, rays: &[Ray], search: (usize, Root, usize, bool)
 
 #[test]
 fn the_kernel_finds_what_its_plain_twin_finds() {
-    let device = match dvr_gpu::open(0) {
-        Ok(gpu) => gpu.device,
-        Err(problem) => return println!("skipped: {problem}"),
-    };
+    let Some(Gpu { device, .. }) = dvr_test_support::gpu(dvr_gpu::open(0)) else { return };
     for (network, search) in [
         (Network::new(32, 2, 0, 0.0, 0), (17, Root::Chandrupatla, 8, false)),
         (Network::new(40, 1, 2, 0.2, 0), (32, Root::Secant, 12, true)),

@@ -90,6 +90,7 @@ mod tests {
         Crossing, Differentiable, Field, March, MarchSettings, Marcher, Query, RayStatus, Rays, SnapshotMarcher,
         TensorMarcher,
     };
+    use dvr_test_support::largest;
     use glam::DVec3;
 
     use super::*;
@@ -175,8 +176,9 @@ mod tests {
             let query = Query::new(tensor);
             let expected = decoder.evaluate(&query);
             let close = |ours: Vec<f32>, truth: Vec<f32>, what: &str| {
-                let worst = ours.iter().zip(&truth).map(|(a, b)| (a - b).abs() / b.abs().max(1.0)).fold(0.0, f32::max);
-                assert!(ours.len() == truth.len() && worst < 1e-4, "{what}: {worst}");
+                assert_eq!(ours.len(), truth.len(), "{what}");
+                let worst = largest(ours.iter().zip(&truth).map(|(a, b)| (a - b).abs() / b.abs().max(1.0)));
+                assert!(worst < 1e-4, "{what}: {worst}");
             };
             close(surface.logits(&points), expected.occupancy_logit.into_data().iter::<f32>().collect(), "logits");
             let colors = surface.colors(&points, &[], None).expect("colours").concat();

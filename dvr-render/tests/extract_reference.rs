@@ -6,10 +6,11 @@ use std::path::PathBuf;
 
 use dvr_core::mesh::Mesh;
 use dvr_render::extract::{ExtractSettings, Extraction, NormalSource, ScalarField, extract_mesh};
+use dvr_test_support::{fixture, largest};
 use glam::{DVec3, Vec3};
+use support::array;
 use support::decoder::Decoder;
 use support::topology::{area, assert_watertight, euler_characteristic, volume};
-use support::{array, fixture};
 
 fn decoder() -> Option<Decoder> {
     fixture("decoder_c0_h64.safetensors").map(|path| Decoder::open(&path))
@@ -98,7 +99,7 @@ fn without_refinement_vertices_are_those_of_the_original() {
             euler_characteristic(&extraction.mesh),
             theirs.len() as i64 - reference.array::<i64>("faces").len() as i64 / 6
         );
-        let worst = pair(&extraction.mesh, &theirs).into_iter().map(|(_, distance)| distance).fold(0.0, f64::max);
+        let worst = largest(pair(&extraction.mesh, &theirs).into_iter().map(|(_, distance)| distance));
         println!("{}: the vertices are within {worst:.1e} of the original's", reference.name);
         // Ours keep a thousandth of a cell away from the nodes.
         assert!(worst < 1.1e-3 * 1.1 / reference.cells as f64);

@@ -8,6 +8,7 @@ use dvr_core::UnitCube;
 use dvr_render::extract::{
     Contour, ExtractSettings, ExtractWarning, NormalSource, ScalarField, count_components, extract_mesh,
 };
+use dvr_test_support::largest;
 use glam::Vec3;
 use support::shapes::{extract, field, gyroid, noise, settings, sphere, tilted_plate, torus};
 use support::topology::{area, assert_watertight, euler_characteristic, volume};
@@ -152,7 +153,7 @@ fn refinement_puts_vertices_on_a_surface_whose_logit_is_sharp_and_bent() {
     let sharp = |p: Vec3| (150.0 * (0.37 - p.length())).exp() - 1.0;
     let error = |refinement_steps| {
         let extraction = extract(sharp, &ExtractSettings { refinement_steps, ..settings(32, 1) });
-        let worst = extraction.mesh.vertices.iter().map(|v| (v.length() - 0.37).abs()).fold(0.0, f32::max);
+        let worst = largest(extraction.mesh.vertices.iter().map(|v| (v.length() - 0.37).abs()));
         println!("{refinement_steps} steps: {worst:.1e}, {} evaluations", extraction.evaluations.refinement);
         worst
     };

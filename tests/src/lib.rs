@@ -1,11 +1,9 @@
-//! What the tests of several crates share: the fixtures and scenes that lie beside the checkout, and devices.
+//! What the tests of several crates share: arrays of DVR's reference code, rendered scenes, and devices.
 //!
-//! `../shared` holds arrays that the PyTorch original computed, and scenes. It is not part of the project: where it is
-//! missing, tests say that they were skipped, and pass.
+//! What a machine may lack is found through `dvr-test-support`, which says when tests are skipped.
 
 mod pytorch_file;
 
-use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError};
 
 use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
@@ -17,23 +15,14 @@ use dvr_core::npz::NpzFile;
 use dvr_core::synth::{SynthConfig, render_dataset};
 use dvr_model::{Decoder, DecoderConfig};
 
+pub use dvr_test_support::{browser, fixture, largest, max_difference, relative_difference, scene};
 pub use pytorch_file::{Entry, write_pytorch};
 
-/// The folder beside the checkout, or `None` (with a line of output) where it is missing.
-pub fn shared(part: &str) -> Option<PathBuf> {
-    let path = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared")).join(part);
-    if path.exists() {
-        return Some(path);
-    }
-    println!("skipped: {} is not here", path.display());
-    None
-}
-
-/// A module whose parameters are burn's random numbers on the CPU from a seed on. These are those of the whole process:
-/// whatever else draws some meanwhile, in another test, must do so through this, too.
+/// A module whose parameters are burn's random numbers on the CPU from a seed on. The generator is shared by the whole
+/// process: whatever else draws numbers meanwhile, in another test, must do so through this function too.
 pub fn seeded<M: Module>(seed: u64, make: impl FnOnce() -> M) -> M {
     static TURN: Mutex<()> = Mutex::new(());
-    // A test that failed while it had them has told so.
+    // A test that failed while it held the lock has reported that itself.
     let _turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
     Device::flex().seed(seed);
     let module = make();
@@ -50,13 +39,13 @@ impl ModuleVisitor for DrawnNow {
     }
 }
 
-/// Arrays that the original computed.
+/// Arrays that DVR's reference code computed.
 pub struct Fixture(NpzFile);
 
 impl Fixture {
-    /// Opens `../shared/fixtures/<name>.npz`, or `None` where the folder is missing.
+    /// Opens `<name>.npz`, or `None` where the test is skipped.
     pub fn open(name: &str) -> Option<Self> {
-        let path = shared("fixtures")?.join(format!("{name}.npz"));
+        let path = fixture(&format!("{name}.npz"))?;
         Some(Self(NpzFile::open(&path).unwrap_or_else(|e| panic!("{e}"))))
     }
 
@@ -93,7 +82,7 @@ impl Fixture {
 
 /// The fixtures' decoder with a code of length `code_dim` (0 or 32), with parameters of the device's float type.
 pub fn fixture_decoder(code_dim: usize, device: &Device) -> Option<(DecoderConfig, Decoder)> {
-    let path = shared("fixtures")?.join(format!("decoder_c{code_dim}_h64.safetensors"));
+    let path = fixture(&format!("decoder_c{code_dim}_h64.safetensors"))?;
     let (config, decoder) = dvr_model::load_safetensors(&path, device).unwrap_or_else(|e| panic!("{e}"));
     let dtype = Tensor::<1>::zeros([1], device).dtype();
     Some((config, decoder.map(&mut CastTo(dtype))))
@@ -128,21 +117,8 @@ pub fn numbers<const D: usize>(tensor: Tensor<D>) -> Vec<f64> {
     tensor.into_data().iter::<f64>().collect()
 }
 
-/// Largest absolute difference.
-pub fn max_difference(a: &[f64], b: &[f64]) -> f64 {
-    assert_eq!(a.len(), b.len());
-    a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
-}
-
-/// `|a - b| / |b|` in the Euclidean norm.
-pub fn relative_difference(a: &[f64], b: &[f64]) -> f64 {
-    assert_eq!(a.len(), b.len());
-    let norm = |v: &mut dyn Iterator<Item = f64>| v.map(|x| x * x).sum::<f64>().sqrt();
-    norm(&mut a.iter().zip(b).map(|(a, b)| a - b)) / norm(&mut b.iter().copied()).max(f64::MIN_POSITIVE)
-}
-
 /// The devices that the suites run on, in single precision.
-// Upstream deprecates burn-ndarray; here it is the second oracle.
+// Upstream deprecates burn-ndarray; here it is the second implementation to compare with.
 #[allow(deprecated)]
 pub fn devices() -> Vec<(&'static str, Device)> {
     vec![("flex", Device::flex()), ("ndarray", Device::ndarray())]
@@ -159,7 +135,7 @@ pub fn double_precision_devices() -> Vec<(&'static str, Device)> {
     devices()
 }
 
-/// A scene of an object, rendered from so many sides at so many pixels, as it is read from the disk.
+/// A scene of an object, rendered from `views` sides at `pixels` by `pixels`, as it is read from the disk.
 pub fn rendered_scene(mesh: Mesh, views: usize, pixels: u32) -> Scene {
     let folder = tempfile::tempdir().expect("there is room for temporary files");
     let object = TexturedMesh { mesh, ..TexturedMesh::default() };
@@ -176,17 +152,9 @@ pub fn rendered_scene(mesh: Mesh, views: usize, pixels: u32) -> Scene {
     read_scene(&folder.path().join("objects/object"), &ReadOptions::default()).expect("what was written can be read")
 }
 
-/// The graphics processor that the suites run on, or `None` (with a line of output) where no driver offers one. A
-/// software adapter will do.
-pub fn graphics_processor() -> Option<Device> {
-    match dvr_gpu::open(0) {
-        Ok(gpu) => {
-            println!("on {} ({}, {})", gpu.adapter.name, gpu.adapter.kind, gpu.adapter.api);
-            Some(gpu.device)
-        }
-        Err(problem) => {
-            println!("skipped: {problem}");
-            None
-        }
-    }
+/// The GPU that the suites run on, or `None` where the test is skipped. A software adapter will do.
+pub fn gpu() -> Option<Device> {
+    let gpu = dvr_test_support::gpu(dvr_gpu::open(0))?;
+    println!("on {} ({}, {})", gpu.adapter.name, gpu.adapter.kind, gpu.adapter.api);
+    Some(gpu.device)
 }

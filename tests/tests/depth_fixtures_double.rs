@@ -1,4 +1,4 @@
-//! Marching and the depth gradient against the original's own run in double precision.
+//! Marching and the depth gradient against DVR's reference code in double precision.
 
 use burn::module::{Module, ModuleVisitor, Param};
 use burn::tensor::{Device, FloatDType, Int, Tensor, TensorData};
@@ -135,7 +135,7 @@ impl Case {
 }
 
 #[test]
-fn marching_agrees_with_the_original_or_with_brute_force_where_the_original_is_wrong() {
+fn marching_agrees_with_the_reference_code_or_with_brute_force_where_that_is_wrong() {
     for (device_name, device) in double_precision_devices() {
         for (name, code_dim) in FILES {
             let Some(mut case) = Case::open(name, code_dim, &device) else { return };
@@ -160,12 +160,12 @@ fn marching_agrees_with_the_original_or_with_brute_force_where_the_original_is_w
                                 assert!((ours - reference).abs() < 1e-7 * scale, "{context}: {ours} {reference}");
                             }
                         } else {
-                            // Faults 2 and 3: the original marches rays that miss the cube, or pass it behind them.
+                            // Faults 2 and 3: the reference code marches rays that miss the cube, or pass it behind them.
                             assert_eq!(ours[ray], None, "{context}");
                         }
                     }
                     label::MISSES_CUBE => assert_eq!(ours[ray], None, "{context}"),
-                    // Fault 1: from inside the cube the original starts behind or before the first surface. Fault 3:
+                    // Fault 1: from inside the cube the reference code starts behind or before the first surface. Fault 3:
                     // rays through an edge or a corner fall back to coarse samples. Truth is the brute force.
                     label::INSIDE | label::NEAR_CENTER | label::THROUGH_EDGE => {
                         if !dense || device_name != "flex" {
@@ -211,7 +211,7 @@ impl ModuleVisitor for Gradients<'_> {
 }
 
 #[test]
-fn the_analytic_gradient_equals_the_originals_for_parameters_and_codes() {
+fn the_analytic_gradient_equals_the_reference_for_parameters_and_codes() {
     for (device_name, device) in double_precision_devices() {
         for (name, code_dim) in FILES.into_iter().filter(|(n, _)| !n.ends_with("n16") && !n.ends_with("bisection")) {
             let Some(mut case) = Case::open(name, code_dim, &device) else { return };

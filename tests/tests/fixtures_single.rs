@@ -1,4 +1,4 @@
-//! Decoder, losses and whole training steps against arrays that the original computed in single precision.
+//! Decoder, losses and whole training steps against arrays of DVR's reference code, in single precision.
 
 use std::collections::HashMap;
 
@@ -25,7 +25,7 @@ fn groups(n: usize, batch: usize, device: &Device) -> Tensor<1, Int> {
 }
 
 #[test]
-fn the_decoder_gives_the_originals_values_with_and_without_code() {
+fn the_decoder_gives_the_reference_values_with_and_without_code() {
     for (name, device) in devices() {
         for code_dim in [0, 32] {
             let Some(mut fixture) = Fixture::open(&format!("decoder_eval_c{code_dim}_h64")) else { return };
@@ -69,7 +69,7 @@ fn close(ours: f64, truth: f64, tolerance: f64, context: &str) {
 }
 
 #[test]
-fn colour_and_image_gradient_losses_are_the_originals() {
+fn colour_and_image_gradient_losses_are_those_of_the_reference() {
     let Some(mut f) = Fixture::open("losses") else { return };
     let (predicted, truth, mask) = (f.numbers("rgb_pred"), f.numbers("rgb_gt"), f.truths("rgb_mask"));
     let kept = |values: &[f64], keep: &[bool]| -> Vec<f64> {
@@ -106,7 +106,7 @@ fn colour_and_image_gradient_losses_are_the_originals() {
 }
 
 #[test]
-fn occupancy_free_space_and_depth_losses_are_the_originals() {
+fn occupancy_free_space_and_depth_losses_are_those_of_the_reference() {
     let Some(mut f) = Fixture::open("losses") else { return };
     for (name, device) in devices() {
         let logits = f.numbers("logits");
@@ -150,7 +150,7 @@ fn occupancy_free_space_and_depth_losses_are_the_originals() {
 }
 
 #[test]
-fn normals_by_differences_and_their_smoothness_are_the_originals() {
+fn normals_by_differences_and_their_smoothness_are_those_of_the_reference() {
     let Some(mut f) = Fixture::open("losses") else { return };
     let device = Device::flex();
     for code_dim in [0usize, 32] {
@@ -253,7 +253,7 @@ fn matrices(values: &[f64]) -> Vec<DMat4> {
     values.chunks_exact(16).map(|m| DMat4::from_cols_slice(m).transpose()).collect()
 }
 
-/// A training step of the original, rebuilt from its arrays.
+/// A training step of the reference code, rebuilt from its arrays.
 struct Step {
     batch: PixelBatch,
     noise: StepNoise,
@@ -345,7 +345,7 @@ impl Step {
 }
 
 #[test]
-fn a_whole_training_step_has_the_originals_losses_gradients_and_adam_step() {
+fn a_whole_training_step_has_the_reference_losses_gradients_and_adam_step() {
     let files = [("train_step_rgb_c0", 0), ("train_step_depth_c0", 0), ("train_step_all_c32", 32)];
     for (device_name, device) in devices() {
         for (file, code_dim) in files {

@@ -1,7 +1,6 @@
-//! The fast method on a graphics processor: what it ends with, and how it goes on elsewhere.
+//! The grid method on a GPU: results near the CPU's, and runs that resume on either.
 //!
-//! Runs on the first adapter that there is, be it a software one; without any the tests say that they were skipped, and
-//! pass.
+//! Runs on the first adapter; a software adapter will do.
 
 use std::sync::OnceLock;
 
@@ -14,7 +13,7 @@ use dvr_grid::{Capacity, GridConfig, GridTrainer, TrainerState};
 use dvr_grid::{GpuGridField, GridField, GridValues};
 use dvr_render::Shader;
 use dvr_render::extract::ScalarField;
-use dvr_tests::{graphics_processor, rendered_scene};
+use dvr_tests::{gpu, largest, max_difference, rendered_scene};
 use glam::{DVec3, Vec3};
 
 /// A ring, seen from twelve sides.
@@ -23,7 +22,7 @@ fn ring() -> &'static Scene {
     RING.get_or_init(|| rendered_scene(shapes::torus(1.0, 0.45, 32, 16), 12, 32))
 }
 
-/// A stage of 16 cells, taught as a whole, and one of 32, taught near the surface.
+/// A stage of 16 cells, trained as a whole, and one of 32, trained near the surface.
 fn trainer(device: &Device, seed: u64, steps: usize) -> GridTrainer<'static> {
     let config = GridConfig {
         seed,
@@ -51,8 +50,8 @@ fn trained(device: &Device, seed: u64) -> [f64; 3] {
 }
 
 #[test]
-fn training_ends_where_it_ends_on_the_cpu() {
-    let Some(gpu) = graphics_processor() else { return };
+fn training_ends_near_the_cpu() {
+    let Some(gpu) = gpu() else { return };
     let on_cpu: Vec<[f64; 3]> = (0..3).map(|seed| trained(&Device::flex(), seed)).collect();
     let on_gpu = trained(&gpu, 0);
     println!("PSNR, IoU, loss: {on_gpu:.4?}; on the CPU with three seeds {on_cpu:.4?}");
@@ -69,8 +68,8 @@ fn bits(state: &TrainerState) -> (&[u8], &[u8]) {
 }
 
 #[test]
-fn a_run_goes_on_on_the_device_as_if_it_had_not_stopped_and_on_the_cpu_too() {
-    let Some(gpu) = graphics_processor() else { return };
+fn a_run_resumes_bit_for_bit_on_the_gpu_and_closely_on_the_cpu() {
+    let Some(gpu) = gpu() else { return };
     let steps = 8;
     let mut unbroken = trainer(&gpu, 0, steps);
     let (mut states, mut losses) = (Vec::new(), Vec::new());
@@ -81,7 +80,7 @@ fn a_run_goes_on_on_the_device_as_if_it_had_not_stopped_and_on_the_cpu_too() {
     // Losses are read in the first step, in every tenth, and at the end of a stage.
     losses.dedup();
     assert_eq!(losses.len(), 4, "{losses:?}");
-    let goes_on = |device: &Device, done: usize| {
+    let resumed_at = |device: &Device, done: usize| {
         let mut resumed = trainer(device, 0, steps);
         resumed.resume(&states[done - 1], done).unwrap();
         (done..2 * steps).for_each(|_| drop(resumed.step().unwrap()));
@@ -90,10 +89,10 @@ fn a_run_goes_on_on_the_device_as_if_it_had_not_stopped_and_on_the_cpu_too() {
     let truth = unbroken.validate(4096).expect("views are held out");
     // In the first stage, at its end, and in the second.
     for done in [3, 8, 13] {
-        let (state, _) = goes_on(&gpu, done);
+        let (state, _) = resumed_at(&gpu, done);
         assert!(bits(&state) == bits(&states[2 * steps - 1]), "from step {done}, bit for bit");
-        let (_, found) = goes_on(&Device::flex(), done);
-        println!("from step {done} on the CPU: {:.4} dB, on the device {:.4}", found.psnr, truth.psnr);
+        let (_, found) = resumed_at(&Device::flex(), done);
+        println!("from step {done} on the CPU: {:.4} dB, on the GPU {:.4}", found.psnr, truth.psnr);
         assert!((found.psnr - truth.psnr).abs() < 0.1 && (found.mask_iou - truth.mask_iou).abs() < 0.01);
     }
 }
@@ -122,23 +121,20 @@ fn points(count: usize) -> Vec<Vec3> {
 }
 
 #[test]
-fn a_field_looks_the_same_on_the_device() {
-    let Some(gpu) = graphics_processor() else { return };
+fn a_field_is_the_same_on_the_gpu() {
+    let Some(gpu) = gpu() else { return };
     let here = waves();
     let there = GpuGridField::new(here.clone(), &gpu).unwrap();
 
     let points = points(3000);
-    let farthest = |a: &[[f32; 3]], b: &[[f32; 3]]| {
-        let pairs = a.as_flattened().iter().zip(b.as_flattened());
-        pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
-    };
-    let logits = here.logits(&points).into_iter().zip(there.logits(&points));
-    assert!(logits.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max) < 1e-6);
+    let farthest = |a: &[[f32; 3]], b: &[[f32; 3]]| max_difference(a.as_flattened(), b.as_flattened());
+    assert!(max_difference(&here.logits(&points), &there.logits(&points)) < 1e-6);
     let colors = [&here as &dyn ScalarField, &there].map(|field| field.colors(&points, &points, None).unwrap());
     assert!(farthest(&colors[0], &colors[1]) < 1e-5);
     assert!(colors[1].as_flattened().contains(&0.0), "clamped");
     let gradients = [&here as &dyn ScalarField, &there].map(|field| field.gradients(&points).unwrap());
-    let apart = gradients[0].iter().zip(&gradients[1]).map(|(a, b)| a.distance(*b)).fold(0.0, f32::max);
+    assert_eq!(gradients[0].len(), gradients[1].len());
+    let apart = largest(gradients[0].iter().zip(&gradients[1]).map(|(a, b)| a.distance(*b)));
     assert!(apart < 1e-4, "{apart}");
 
     // From outside and from within, aslant and along the axes, to the object and past it.

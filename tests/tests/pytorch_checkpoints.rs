@@ -1,4 +1,4 @@
-//! The original's checkpoints: read, compared with what its own code computes, and written again.
+//! Checkpoints of DVR's reference code: read, compared with what that code computes, and written again.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -7,10 +7,6 @@ use burn::tensor::{Device, Tensor, TensorData};
 use burn_store::pytorch_reader::{DType, PytorchReader};
 use dvr_model::*;
 use dvr_tests::*;
-
-fn fixture(name: &str) -> Option<PathBuf> {
-    Some(shared("fixtures")?.join(name))
-}
 
 /// Tensors of a PyTorch file as the numbers they are, by name below `prefix`; counts too.
 fn in_file(path: &PathBuf, prefix: &str) -> BTreeMap<String, Vec<f64>> {
@@ -79,7 +75,7 @@ fn a_decoder_comes_out_bit_for_bit_as_it_went_in_zip_and_legacy() {
 }
 
 #[test]
-fn a_resnet_comes_out_bit_for_bit_as_it_went_in_and_gives_the_originals_codes() {
+fn a_resnet_round_trips_bit_for_bit_and_gives_the_reference_codes() {
     let (Some(path), Some(mut truth)) = (fixture("resnet18_c256_fp16.pt"), Fixture::open("resnet18_io")) else {
         return;
     };
@@ -145,7 +141,7 @@ fn state_dict<C: NetworkConfig>(network: &C::Network, config: &C) -> StateDict {
     tensors
 }
 
-/// Writes tensors as the original writes a checkpoint, and reads it.
+/// Writes tensors as the reference code writes a checkpoint, and reads it.
 fn read_model(tensors: StateDict) -> Result<PytorchCheckpoint, RecordError> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("model.pt");
@@ -196,7 +192,7 @@ fn a_network_without_texture_is_grey() {
 type Change<'a> = &'a dyn Fn(&mut StateDict);
 
 #[test]
-fn tensors_that_are_not_those_of_the_original_are_named() {
+fn tensors_that_the_reference_code_does_not_have_are_named() {
     let config = small();
     let good = state_dict(&config.init(&Device::flex()), &config);
     let refusal = |change: Change| {

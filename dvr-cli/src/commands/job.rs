@@ -42,7 +42,7 @@ pub enum Ended {
     },
     /// Without.
     Failed {
-        /// The last line that it said.
+        /// The error that it printed last.
         said: String,
         /// Its exit code; `None` where a signal ended it.
         code: Option<i32>,
@@ -75,7 +75,8 @@ impl Job<'_> {
             Some(metrics) => Ended::Measured { metrics: Box::new(metrics), seconds },
             None => {
                 let said = String::from_utf8_lossy(&output.stderr);
-                let said = said.lines().last().unwrap_or("nothing was said").to_owned();
+                let is_error = |line: &&str| line.starts_with("error: ");
+                let said = said.lines().rfind(is_error).or(said.lines().last()).unwrap_or("no message").to_owned();
                 Ended::Failed { said, code: output.status.code() }
             }
         })

@@ -1,4 +1,6 @@
-use std::path::{Path, PathBuf};
+use std::path::Path;
+
+use dvr_test_support::scene;
 
 use glam::DMat3;
 use image::{GrayImage, Luma};
@@ -255,22 +257,13 @@ fn too_few_views_are_refused() {
     assert!(normalisation(&some_masks(&pairs(&same, &masks))).unwrap_err().to_string().contains("same direction"));
 }
 
-fn shared(folder: &str) -> Option<PathBuf> {
-    let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared")).join(folder);
-    if !path.exists() {
-        println!("skipped: ../shared is not here");
-        return None;
-    }
-    Some(path)
-}
-
 fn read_mask(path: &Path) -> Mask {
     Mask::from(image::open(path).unwrap().to_luma8())
 }
 
 /// A scene in Middlebury's layout: `<name>_par.txt` with a line a view: file, K, R, t.
 fn middlebury(folder: &str, parameters: &str) -> Option<(Vec<Camera>, Vec<Mask>)> {
-    let folder = shared(folder)?;
+    let folder = scene(folder)?;
     let text = std::fs::read_to_string(folder.join(parameters)).unwrap();
     let views = text.lines().skip(1).map(|line| {
         let mut words = line.split_whitespace();
@@ -291,7 +284,7 @@ fn middlebury(folder: &str, parameters: &str) -> Option<(Vec<Camera>, Vec<Mask>)
 }
 
 fn dtu() -> Option<(Vec<Camera>, Vec<Mask>, DMat3, DVec3)> {
-    let folder = shared("scenes/dtu_scan65")?;
+    let folder = scene("dtu_scan65")?;
     let mut file = NpzFile::open(&folder.join("cameras_sphere.npz")).unwrap();
     let mut matrix = |name: &str| -> (DMat3, DVec3) {
         let data = file.read(name).unwrap().to_f64();

@@ -1,4 +1,6 @@
-use std::path::{Path, PathBuf};
+use std::path::Path;
+
+use dvr_test_support::fixture;
 
 use super::*;
 use crate::inside::points_inside;
@@ -6,15 +8,6 @@ use crate::metrics::intersection_over_union;
 use crate::npz::NpzFile;
 use crate::ray::UnitCube;
 use crate::sampling::sample_cube;
-
-fn shared(path: &str) -> Option<PathBuf> {
-    let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared")).join(path);
-    if !path.exists() {
-        println!("skipped: ../shared is not here");
-        return None;
-    }
-    Some(path)
-}
 
 fn vectors(file: &mut NpzFile, name: &str) -> Vec<Vec3> {
     file.read(name).unwrap().to_f32().chunks_exact(3).map(Vec3::from_slice).collect()
@@ -31,7 +24,7 @@ fn close(name: &str, ours: f64, file: &mut NpzFile) {
 
 #[test]
 fn scores_are_those_of_the_original() {
-    let Some(path) = shared("fixtures/mesh_eval.npz") else { return };
+    let Some(path) = fixture("mesh_eval.npz") else { return };
     let mut file = NpzFile::open(&path).unwrap();
     let predicted = PointCloud {
         points: vectors(&mut file, "points_pred"),
@@ -75,7 +68,7 @@ fn scores_are_those_of_the_original() {
 
 #[test]
 fn occupancies_and_their_iou_are_those_of_the_original() {
-    let Some(path) = shared("fixtures/mesh_eval.npz") else { return };
+    let Some(path) = fixture("mesh_eval.npz") else { return };
     let mut file = NpzFile::open(&path).unwrap();
     let points = vectors(&mut file, "iou_points");
     let mut occupancies = Vec::new();
@@ -190,7 +183,7 @@ fn read_ply(path: &Path) -> Mesh {
 #[test]
 fn the_floor_is_that_of_the_reference_and_clouds_tell_the_same_as_meshes() {
     for (scene, reference) in [("bunny", 0.0021), ("sharp", 0.0030), ("plate", 0.0025), ("rods", 0.0016)] {
-        let Some(folder) = shared(&format!("scenes/rendered/res64/{scene}/{scene}")) else { return };
+        let Some(folder) = dvr_test_support::scene(&format!("rendered/res64/{scene}/{scene}")) else { return };
         let by_mesh =
             surface_floor(&read_ply(&folder.join("mesh.ply")), SURFACE_SAMPLES, &F_SCORE_THRESHOLDS, 0).unwrap();
         let mut file = NpzFile::open(&folder.join("pointcloud.npz")).unwrap();
@@ -208,7 +201,7 @@ fn the_floor_is_that_of_the_reference_and_clouds_tell_the_same_as_meshes() {
 #[test]
 fn the_true_occupancies_are_those_of_the_true_mesh() {
     for scene in ["bunny", "rods", "plate", "sharp"] {
-        let Some(folder) = shared(&format!("scenes/rendered/res64/{scene}/{scene}")) else { return };
+        let Some(folder) = dvr_test_support::scene(&format!("rendered/res64/{scene}/{scene}")) else { return };
         let mut file = NpzFile::open(&folder.join("points.npz")).unwrap();
         let points = vectors(&mut file, "points");
         let truth = file.read("occupancies").unwrap().to_bool_of_length(points.len()).unwrap();

@@ -44,17 +44,14 @@ fn levels(channels: usize) -> GpuLevels {
 }
 
 #[test]
-fn what_is_no_graphics_processor_is_refused() {
+fn a_device_that_is_no_gpu_is_refused() {
     let refused = GpuStep::new(&Device::flex(), &photographs(), LOSSES);
     assert!(matches!(refused, Err(DeviceError::NoGpu)));
 }
 
 #[test]
 fn what_is_too_large_is_refused_with_its_size() {
-    let device = match dvr_gpu::open(0) {
-        Ok(gpu) => gpu.device,
-        Err(problem) => return println!("skipped: {problem}"),
-    };
+    let Some(device) = dvr_test_support::gpu(dvr_gpu::open(0)).map(|gpu| gpu.device) else { return };
     let mut trainer = GpuStep::new(&device, &photographs(), LOSSES).unwrap();
     trainer.enter(0.55, levels(1), levels(3)).unwrap();
     let step =

@@ -5,6 +5,7 @@ use burn::tensor::Device;
 use dvr_core::View;
 use dvr_core::hull::MaskDistance;
 use dvr_core::voxel::VoxelGrid;
+use dvr_test_support::relative_difference;
 use glam::{DVec3, Vec3};
 
 use super::*;
@@ -18,14 +19,8 @@ use dvr_core::Supervision;
 
 const RAYS: usize = 600;
 
-fn graphics_processor() -> Option<Device> {
-    match dvr_gpu::open(0) {
-        Ok(gpu) => Some(gpu.device),
-        Err(problem) => {
-            println!("skipped: {problem}");
-            None
-        }
-    }
+fn gpu() -> Option<Device> {
+    dvr_test_support::gpu(dvr_gpu::open(0)).map(|gpu| gpu.device)
 }
 
 /// A painted ball from ten sides, which looks a little different from two neighbouring ones.
@@ -133,12 +128,6 @@ impl Fixture {
     }
 }
 
-fn apart(a: &[f32], b: &[f32]) -> f64 {
-    assert_eq!(a.len(), b.len());
-    let norm = |values: &mut dyn Iterator<Item = f64>| values.map(|x| x * x).sum::<f64>().sqrt();
-    norm(&mut a.iter().zip(b).map(|(a, b)| f64::from(a - b))) / norm(&mut b.iter().map(|&b| f64::from(b)))
-}
-
 /// A ray_gradient of the processor as the device writes it down.
 fn row(backend: &CpuBackend, fixture: &Fixture, ray: usize) -> [f32; RAY_GRADIENT_COLUMNS] {
     let (mut times, mut sums) = (PartTimes::default(), LossSums::default());
@@ -165,7 +154,7 @@ fn row(backend: &CpuBackend, fixture: &Fixture, ray: usize) -> [f32; RAY_GRADIEN
 
 #[test]
 fn a_step_teaches_and_moves_what_it_does_on_the_processor() {
-    let Some(device) = graphics_processor() else { return };
+    let Some(device) = gpu() else { return };
     for noise in [0.0, 3.0] {
         println!("noise of {noise} spacings");
         compare_a_step(Fixture::new(noise), &device);
@@ -212,9 +201,10 @@ fn compare_a_step(mut fixture: Fixture, device: &Device) {
     assert!(close(our_sums.smoothness.into(), sums.smoothness.into()));
     let gradients = on_gpu.trainer().gradients().unwrap();
     let truth = fixture.gradients();
-    let gradients_apart = [0, 1].map(|i| apart(&gradients[i], &truth[i]));
+    let gradients_apart = [0, 1].map(|i| relative_difference(&gradients[i], &truth[i]));
     let (shape, color) = on_gpu.levels().unwrap().unwrap();
-    let levels_apart = [apart(&shape, &fixture.shape.state()), apart(&color, &fixture.color.state())];
+    let levels_apart =
+        [relative_difference(&shape, &fixture.shape.state()), relative_difference(&color, &fixture.color.state())];
     println!("gradients {gradients_apart:?} apart, parameters and moments {levels_apart:?}");
     assert!(gradients_apart.iter().all(|&apart| apart < if unlike == 0 { 1e-3 } else { 0.1 }), "{gradients_apart:?}");
     assert!(levels_apart.iter().all(|&apart| apart < if unlike == 0 { 1e-3 } else { 0.1 }), "{levels_apart:?}");
@@ -222,7 +212,7 @@ fn compare_a_step(mut fixture: Fixture, device: &Device) {
 
 #[test]
 fn nothing_is_waited_for_unless_somebody_looks() {
-    let Some(device) = graphics_processor() else { return };
+    let Some(device) = gpu() else { return };
     let mut fixture = Fixture::new(0.0);
     let mut backend = fixture.device(&device);
     fixture.is_reported = false;
@@ -237,7 +227,7 @@ fn nothing_is_waited_for_unless_somebody_looks() {
 
 #[test]
 fn steps_give_the_same_bits_twice_and_after_a_break() {
-    let Some(device) = graphics_processor() else { return };
+    let Some(device) = gpu() else { return };
     let after = |breaks: bool| {
         let mut fixture = Fixture::new(0.0);
         let mut backend = fixture.device(&device);

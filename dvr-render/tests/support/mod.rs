@@ -6,19 +6,7 @@ pub mod decoder;
 pub mod shapes;
 pub mod topology;
 
-use std::path::PathBuf;
-
 use dvr_core::npz::NpzFile;
-
-/// Path of a parity fixture, or `None` (and a note) where the fixtures are not at hand.
-pub fn fixture(name: &str) -> Option<PathBuf> {
-    let shared = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared"));
-    if !shared.is_dir() {
-        println!("skipped: ../shared is not here");
-        return None;
-    }
-    Some(shared.join("fixtures").join(name))
-}
 
 /// An array of an npz archive, flattened in C order.
 pub fn array<T: FromNumber>(path: &std::path::Path, name: &str) -> Vec<T> {

@@ -12,6 +12,7 @@ use dvr_core::synth::{SynthConfig, render_dataset};
 use dvr_model::EncoderConfig;
 use dvr_render::Field;
 use dvr_render::Query;
+use dvr_test_support::max_difference;
 use glam::Vec3;
 
 use super::config::ObjectsConfig;
@@ -224,7 +225,7 @@ fn devices_that_share_the_objects_of_a_step_learn_what_one_does() {
         let alone = learn(0);
         // More devices than objects are no problem.
         for helpers in [1, 2, 20] {
-            let apart = learn(helpers).iter().zip(&alone).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+            let apart = max_difference(&learn(helpers), &alone);
             assert!(apart < 1e-4, "{supervision}, {helpers} helpers: {apart:e}");
         }
     }

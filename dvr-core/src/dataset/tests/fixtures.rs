@@ -5,7 +5,7 @@ use glam::Vec2;
 use super::*;
 
 fn cameras() -> Option<NpzFile> {
-    Some(NpzFile::open(&shared("fixtures/cameras.npz")?).unwrap())
+    Some(NpzFile::open(&dvr_test_support::fixture("cameras.npz")?).unwrap())
 }
 
 fn rows<const N: usize>(npz: &mut NpzFile, name: &str) -> Vec<[f64; N]> {

@@ -202,13 +202,3 @@ fn save(path: &Path, arrays: &[(String, Array)]) {
 fn read(path: &Path) -> Scene {
     read_scene(path, &ReadOptions::default()).unwrap()
 }
-
-/// A file of `../shared`, or `None` (said aloud) where it is not here.
-fn shared(path: &str) -> Option<PathBuf> {
-    let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared")).join(path);
-    if !path.exists() {
-        println!("skipped: ../shared is not here");
-        return None;
-    }
-    Some(path)
-}

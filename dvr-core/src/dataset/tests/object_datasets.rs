@@ -93,7 +93,7 @@ fn a_broken_object_harms_no_other() {
 
 #[test]
 fn renders_of_3d_r2n2_are_inputs() {
-    let (Some(car), (_, folder)) = (shared("scenes/shapenet_choy_car/rendering"), dataset()) else { return };
+    let (Some(car), (_, folder)) = (dvr_test_support::scene("shapenet_choy_car/rendering"), dataset()) else { return };
     let inputs = tempfile::tempdir().unwrap();
     for object in ["02/c", "02/d", "balls/a", "balls/b"] {
         let to = inputs.path().join(object).join("rendering");

@@ -27,7 +27,7 @@ fn assert_placed(scene: &Scene, min_seeing: usize) {
 
 #[test]
 fn rendered_surfaces_fall_on_their_masks_at_their_depths() {
-    let Some(root) = shared("scenes/rendered") else { return };
+    let Some(root) = dvr_test_support::scene("rendered") else { return };
     for (resolution, object) in ["bunny", "rods", "plate", "sharp"].iter().flat_map(|o| [(64, o), (128, o)]) {
         let category = root.join(format!("res{resolution}/{object}"));
         let scene = read(&category);
@@ -98,7 +98,7 @@ fn plane_distance(scene: &Scene, tree: &ImmutableKdTree<f64, 3>, shift: f64) -> 
 
 #[test]
 fn depth_maps_are_exact_at_pixel_centres_and_nowhere_else() {
-    let Some(root) = shared("scenes/rendered/res64/bunny") else { return };
+    let Some(root) = dvr_test_support::scene("rendered/res64/bunny") else { return };
     let scene = read(&root);
     let points = scene.ground_truth.surface.as_ref().unwrap().points.iter().map(|p| p.as_dvec3().to_array());
     let tree = ImmutableKdTree::new_from_slice(&points.collect::<Vec<_>>()).unwrap();
@@ -110,7 +110,7 @@ fn depth_maps_are_exact_at_pixel_centres_and_nowhere_else() {
 
 #[test]
 fn the_dinosaur_and_the_temple_fill_the_cube() {
-    let Some(root) = shared("scenes") else { return };
+    let Some(root) = dvr_test_support::scene("") else { return };
     for name in ["dino_sparse_ring", "temple_sparse_ring"] {
         let scene = read(&root.join(name));
         assert_eq!((scene.views.len(), scene.format, scene.name.as_str()), (16, "Middlebury", name));
@@ -123,7 +123,7 @@ fn the_dinosaur_and_the_temple_fill_the_cube() {
 
 #[test]
 fn the_skull_fills_the_cube() {
-    let Some(root) = shared("scenes/dtu_scan65") else { return };
+    let Some(root) = dvr_test_support::scene("dtu_scan65") else { return };
     let scene = read(&root);
     assert_eq!((scene.views.len(), scene.format), (49, "IDR/NeuS"));
     assert!(scene.object_to_world.scale > 100.0 && scene.object_to_world.scale < 500.0, "millimetres");
@@ -137,7 +137,7 @@ fn the_skull_fills_the_cube() {
 
 #[test]
 fn the_chair_fills_the_cube() {
-    let Some(root) = shared("scenes/nerf_chair") else { return };
+    let Some(root) = dvr_test_support::scene("nerf_chair") else { return };
     let scene = read(&root);
     let count = |split| scene.views_of(split).count();
     assert_eq!((count(Split::Train), count(Split::Val), count(Split::Test)), (100, 10, 20));

@@ -1,8 +1,8 @@
-//! Rows that are picked by number get the values and gradients that burn's own `select` gives them, on every device.
+//! Gathered rows have the values and gradients of burn's own `select`, on every device.
 
 use burn::tensor::{Device, Int, Tensor, TensorData};
 use dvr_render::{DistinctRows, select_rows};
-use dvr_tests::{devices, graphics_processor, max_difference, numbers, tensor1};
+use dvr_tests::{devices, gpu, max_difference, numbers, tensor1};
 use rand::seq::SliceRandom;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -18,11 +18,11 @@ fn index_tensor(index: &[i64], device: &Device) -> Tensor<1, Int> {
     Tensor::from_data(TensorData::new(index.to_vec(), [index.len()]), device)
 }
 
-/// Picked rows of a matrix of so many rows, and the gradient of a random functional of them.
-fn picked(rows: usize, device: &Device, pick: impl Fn(Tensor<2>) -> Tensor<2>) -> [Vec<f64>; 2] {
+/// Rows gathered from a random matrix, and the gradient of a random functional of them.
+fn gathered(rows: usize, device: &Device, gather: impl Fn(Tensor<2>) -> Tensor<2>) -> [Vec<f64>; 2] {
     let device = device.clone().autodiff();
     let values = tensor1(&random(rows * COLUMNS, 1), &device).reshape([rows, COLUMNS]).detach().require_grad();
-    let found = pick(values.clone());
+    let found = gather(values.clone());
     let weights = tensor1(&random(found.dims().iter().product(), 2), &device).reshape(found.dims());
     let gradients = (found.clone() * weights).sum().backward();
     [numbers(found), numbers(values.grad(&gradients).expect("a gradient"))]
@@ -30,21 +30,25 @@ fn picked(rows: usize, device: &Device, pick: impl Fn(Tensor<2>) -> Tensor<2>) -
 
 /// All devices of this machine.
 fn all_devices() -> Vec<(&'static str, Device)> {
-    devices().into_iter().chain(graphics_processor().map(|gpu| ("gpu", gpu))).collect()
+    devices().into_iter().chain(gpu().map(|gpu| ("gpu", gpu))).collect()
 }
 
 #[test]
-fn repeated_rows_sum_their_gradients_and_rows_that_nobody_picks_get_zero() {
+fn repeated_rows_sum_their_gradients_and_rows_that_are_not_gathered_get_zero() {
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     let index: Vec<i64> = (0..700).map(|_| rng.random_range(1..16)).collect();
     for (name, device) in all_devices() {
         let at = index_tensor(&index, &device);
-        let truth = picked(17, &Device::flex(), |values| values.select(0, index_tensor(&index, &Device::flex())));
-        let ours = picked(17, &device, |values| select_rows(values, at.clone()));
+        let truth = gathered(17, &Device::flex(), |values| values.select(0, index_tensor(&index, &Device::flex())));
+        let ours = gathered(17, &device, |values| select_rows(values, at.clone()));
         assert_eq!(ours[0], truth[0], "{name}");
         assert!(max_difference(&ours[1], &truth[1]) < 1e-5, "{name}");
-        assert!(ours[1][..COLUMNS].iter().all(|g| *g == 0.0), "{name}: row 0 was not picked");
-        assert_eq!(picked(17, &device, |values| select_rows(values, at.clone())), ours, "{name}: the same bits again");
+        assert!(ours[1][..COLUMNS].iter().all(|g| *g == 0.0), "{name}: row 0 was not gathered");
+        assert_eq!(
+            gathered(17, &device, |values| select_rows(values, at.clone())),
+            ours,
+            "{name}: the same bits again"
+        );
     }
 }
 
@@ -55,20 +59,20 @@ fn distinct_rows_in_any_order_pass_their_gradients_on_unchanged() {
     shuffled.shuffle(&mut rng);
     for (name, device) in all_devices() {
         for index in [&shuffled[..], &shuffled[..77], &shuffled[..1]] {
-            let truth = picked(300, &Device::flex(), |values| values.select(0, index_tensor(index, &Device::flex())));
+            let truth = gathered(300, &Device::flex(), |values| values.select(0, index_tensor(index, &Device::flex())));
             let rows = DistinctRows::new(index, 300, &device);
-            assert_eq!(picked(300, &device, |values| rows.of(values)), truth, "{name}, {} rows", index.len());
+            assert_eq!(gathered(300, &device, |values| rows.of(values)), truth, "{name}, {} rows", index.len());
             let column = |values: Tensor<2>| rows.of_column(values.narrow(1, 2, 1).squeeze_dim(1)).unsqueeze_dim(1);
-            let column_truth = picked(300, &Device::flex(), |values| {
+            let column_truth = gathered(300, &Device::flex(), |values| {
                 values.narrow(1, 2, 1).select(0, index_tensor(index, &Device::flex()))
             });
-            assert_eq!(picked(300, &device, column), column_truth, "{name}, a column");
+            assert_eq!(gathered(300, &device, column), column_truth, "{name}, a column");
         }
     }
 }
 
 #[test]
-fn numbers_are_spread_over_the_rows_that_they_belong_to() {
+fn values_are_scattered_to_their_rows() {
     for (_, device) in all_devices() {
         let rows = DistinctRows::new(&[3, 0], 5, &device);
         assert_eq!(numbers(rows.spread(tensor1(&[1.5, 2.5], &device))), [2.5, 0.0, 0.0, 1.5, 0.0]);

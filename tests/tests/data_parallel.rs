@@ -1,20 +1,20 @@
-//! A step that several devices share is the step of one.
+//! Data parallel: a step that several devices share is the step of one.
 
 use burn::tensor::Device;
 use dvr_core::mesh::shapes;
 use dvr_model::DecoderConfig;
 use dvr_render::{Field, Query};
-use dvr_tests::{devices, graphics_processor, numbers, relative_difference, rendered_scene, seeded, tensor3};
+use dvr_tests::{devices, gpu, numbers, relative_difference, rendered_scene, seeded, tensor3};
 use dvr_train::{Supervision, TrainConfig, Trainer, ViewSplit};
 
 const STEPS: usize = 6;
 
 #[test]
-fn what_devices_learn_together_is_what_one_learns_alone() {
+fn several_devices_train_as_one_does() {
     let scene = rendered_scene(shapes::icosphere(2, 1.0), 10, 24);
     let mut config = TrainConfig { rays: 252, steps: STEPS, ..TrainConfig::new(Supervision::RgbDepth) };
     config.model = DecoderConfig::new().with_hidden(32).with_blocks(2).with_octaves(2);
-    // Its points are drawn among a device's own hits.
+    // The points of this loss are drawn among a device's own hits.
     config.losses.normal = 0.0;
     let device = Device::flex();
     let learn = |helpers: &[Device]| {
@@ -29,7 +29,7 @@ fn what_devices_learn_together_is_what_one_learns_alone() {
     };
     let (reports, logits) = learn(&[]);
     let mut helpers: Vec<Device> = devices().into_iter().map(|(_, device)| device).collect();
-    helpers.extend(graphics_processor());
+    helpers.extend(gpu());
     for count in 1..=helpers.len() {
         let (shared, shared_logits) = learn(&helpers[..count]);
         let apart = relative_difference(&shared_logits, &logits);

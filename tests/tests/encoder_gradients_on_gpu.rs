@@ -1,4 +1,4 @@
-//! Gradients of image encoders on a graphics processor: as near to those in double precision as the CPU's in single
+//! Gradients of image encoders on a GPU: as near to those in double precision as the CPU's in single
 //! precision are.
 //!
 //! How far two correct implementations may be apart depends on the batch. Where the last layers see one pixel an image
@@ -18,15 +18,15 @@ use burn::nn::{BatchNormConfig, PaddingConfig2d};
 use burn::optim::GradientsParams;
 use burn::tensor::{Device, FloatDType, Tensor, TensorData};
 use dvr_model::Resnet18;
-use dvr_tests::{graphics_processor, numbers, relative_difference, seeded, tensor1};
+use dvr_tests::{gpu, numbers, relative_difference, seeded, tensor1};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// Double precision, the CPU in single precision, and the graphics processor; `None` where there is none.
+/// Double precision, the CPU in single precision, and the GPU; `None` where there is none.
 fn devices() -> Option<[Device; 3]> {
     static ONCE: Once = Once::new();
     ONCE.call_once(|| Device::ndarray().configure(FloatDType::F64).unwrap_or_else(|e| panic!("{e:?}")));
-    graphics_processor().map(|gpu| [Device::ndarray(), Device::flex(), gpu])
+    gpu().map(|gpu| [Device::ndarray(), Device::flex(), gpu])
 }
 
 /// Numbers between -1 and 1 that single precision holds exactly.
@@ -98,7 +98,7 @@ fn answers<M: Module>(
     })
 }
 
-/// How far the CPU and the graphics processor are from double precision: outputs, gradients by input and by parameters.
+/// How far the CPU and the GPU are from double precision: outputs, gradients by input and by parameters.
 fn errors(answers: &[[Vec<f64>; 3]; 3]) -> [[f64; 3]; 2] {
     let [truth, cpu, gpu] = answers;
     let of = |found: &[Vec<f64>; 3]| {
@@ -112,7 +112,7 @@ fn every_layer_of_a_resnet_has_the_gradients_of_double_precision() {
     let Some(devices) = devices() else { return };
     let check = |what: &str, answers: [[Vec<f64>; 3]; 3]| {
         let [cpu, gpu] = errors(&answers);
-        println!("{what}: CPU {cpu:?}, graphics processor {gpu:?}");
+        println!("{what}: CPU {cpu:?}, GPU {gpu:?}");
         assert!(gpu.iter().chain(&cpu).all(|error| *error < 3e-6), "{what}: {gpu:?}, the CPU {cpu:?}");
     };
     // Channels, kernel, stride, and the side of the images: all kinds of convolution that a ResNet-18 has.
@@ -146,7 +146,7 @@ fn a_resnets_gradients_are_those_of_double_precision_but_for_two_small_images_wh
     let errors_of = |batch: usize| {
         let code = |encoder: &Resnet18, images| encoder.forward(images).unsqueeze_dims(&[2, 3]);
         let errors = errors(&answers(&devices, [batch, 3, 32, 32], |device| Resnet18::new(8, device), code));
-        println!("{batch} images: CPU {:?}, graphics processor {:?}", errors[0], errors[1]);
+        println!("{batch} images: CPU {:?}, GPU {:?}", errors[0], errors[1]);
         errors
     };
     let [cpu, gpu] = errors_of(8);

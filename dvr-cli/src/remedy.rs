@@ -1,0 +1,133 @@
+//! Remedies: what a user of the command line can do about an error of a library.
+//!
+//! Libraries say what was found and what was expected, in their own terms. Sentences that name flags, commands or
+//! environment variables live here alone. One function per error type; variants that hold another library's error pass
+//! it on. A new remedy is one arm and, in `tests/bad_input.rs`, one assertion.
+
+use dvr_train::Error as TrainError;
+
+/// The remedy for the first cause in the chain that has one: one or two sentences with their full stops.
+pub fn remedy(error: &anyhow::Error) -> Option<String> {
+    error.chain().find_map(|cause| {
+        None.or_else(|| cause.downcast_ref().and_then(of_core))
+            .or_else(|| cause.downcast_ref().and_then(of_grid))
+            .or_else(|| cause.downcast_ref().and_then(of_train))
+            .or_else(|| cause.downcast_ref().and_then(of_extraction))
+            .or_else(|| cause.downcast_ref().and_then(of_record))
+            .or_else(|| cause.downcast_ref().and_then(of_report))
+            .or_else(|| of_gpu(cause))
+    })
+}
+
+/// Reading, checking and writing scenes.
+fn of_core(error: &dvr_core::Error) -> Option<String> {
+    use dvr_core::Error;
+    match error {
+        Error::MasksMissing { .. } => Some(
+            "With a plain background, --background white, black or border takes what differs from it as the object."
+                .into(),
+        ),
+        _ => None,
+    }
+}
+
+/// The grid method.
+fn of_grid(error: &dvr_grid::Error) -> Option<String> {
+    use dvr_grid::Error;
+    match error {
+        Error::Scene(error) => of_core(error),
+        Error::OutOfRange { key, .. } => Some(format!("Give another value with --set {key}=VALUE.")),
+        Error::NoHull => Some("Look at masks and cameras with `dvr info SCENE`.".into()),
+        Error::Diverged { .. } => Some(DIVERGED.into()),
+        #[cfg(feature = "gpu")]
+        Error::Device(error) => of_device(error),
+        _ => None,
+    }
+}
+
+/// For any method whose loss is no longer a number.
+const DIVERGED: &str = "The last checkpoint is kept. Train again with a smaller --set learning_rate=VALUE.";
+
+/// Training, run folders and evaluation.
+fn of_train(error: &TrainError) -> Option<String> {
+    match error {
+        TrainError::Scene(error) => of_core(error),
+        TrainError::Grid(error) => of_grid(error),
+        _ => None,
+    }
+}
+
+/// Extraction of a mesh.
+fn of_extraction(_: &dvr_render::extract::ExtractError) -> Option<String> {
+    None
+}
+
+/// Files of networks.
+fn of_record(error: &dvr_model::RecordError) -> Option<String> {
+    use dvr_model::RecordError;
+    match error {
+        RecordError::File(error) => of_core(error),
+        _ => None,
+    }
+}
+
+/// Reports.
+fn of_report(error: &dvr_report::Error) -> Option<String> {
+    use dvr_report::Error;
+    match error {
+        Error::Run(error) => of_train(error),
+        Error::Core(error) => of_core(error),
+        _ => None,
+    }
+}
+
+/// Opening a GPU and computing on it.
+#[cfg(feature = "gpu")]
+fn of_gpu(error: &(dyn std::error::Error + 'static)) -> Option<String> {
+    use dvr_gpu::GpuError;
+    if let Some(error) = error.downcast_ref() {
+        return of_device(error);
+    }
+    Some(match error.downcast_ref()? {
+        GpuError::NoAdapter | GpuError::Refused { .. } => "Use --backend cpu.".into(),
+        GpuError::NoSuchAdapter { .. } => "`dvr devices` lists the GPUs. Or use --backend cpu.".into(),
+        #[cfg(feature = "cuda")]
+        GpuError::NoCuda { .. } => "Use --backend gpu or --backend cpu.".into(),
+    })
+}
+
+/// Without the feature, no error comes from a GPU.
+#[cfg(not(feature = "gpu"))]
+fn of_gpu(_: &(dyn std::error::Error + 'static)) -> Option<String> {
+    None
+}
+
+/// A GPU that is open and refuses.
+#[cfg(feature = "gpu")]
+fn of_device(error: &dvr_gpu::DeviceError) -> Option<String> {
+    use dvr_gpu::DeviceError;
+    Some(match error {
+        DeviceError::OverLimit { .. } => {
+            "Allow more with --memory. --downscale and a lower --capacity take less.".into()
+        }
+        DeviceError::TooLarge { .. } => {
+            "--downscale and a lower --capacity take less. --backend cpu has no such limit.".into()
+        }
+        DeviceError::NoGpu | DeviceError::TooFewBindings { .. } | DeviceError::Device(_) => "Use --backend cpu.".into(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use anyhow::Context;
+
+    use super::*;
+
+    #[test]
+    fn a_remedy_is_found_below_context_and_through_transparent_variants() {
+        let error = TrainError::Grid(dvr_grid::Error::NoHull);
+        let error = Err::<(), _>(dvr_report::Error::Run(error)).context("the report").unwrap_err();
+        assert!(remedy(&error).is_some_and(|text| text.contains("dvr info")));
+        assert_eq!(remedy(&anyhow::anyhow!("an error of the command line itself")), None);
+    }
+}
