@@ -14,7 +14,7 @@ use crate::gpu_march::KernelMarcher;
 impl Decoder {
     /// The field of objects with latent codes, `[objects, code_dim]`: a [`Query`]'s object index picks the row.
     ///
-    /// Codes are projected here, once an object; what is left for each point is to pick a row.
+    /// Codes are projected here, once per object; what is left for each point is to pick a row.
     pub fn with_codes(&self, codes: Tensor<2>) -> Conditioned {
         Conditioned { conditions: self.conditions(Some(codes)), decoder: self.clone() }
     }

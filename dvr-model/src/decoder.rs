@@ -1,4 +1,4 @@
-//! The decoder of the original: a ResNet of fully connected blocks for occupancy and texture together.
+//! The paper's decoder: a ResNet of fully connected blocks for occupancy and texture together.
 
 use burn::config::Config;
 use burn::module::Module;
@@ -9,13 +9,13 @@ use dvr_render::select_rows;
 
 use crate::encoding;
 
-/// Configuration of a [`Decoder`]. The defaults are the original's, but for the width.
+/// Configuration of a [`Decoder`]. The defaults are those of DVR's reference code, but for the width.
 #[derive(Config, Debug, PartialEq)]
 pub struct DecoderConfig {
     /// Length of the latent code `c` of an object; 0 for one scene without a code.
     #[config(default = 0)]
     pub code_dim: usize,
-    /// Width of the hidden layers. The original uses 512 for datasets of objects.
+    /// Width of the hidden layers. The paper uses 512 for datasets of objects.
     #[config(default = 128)]
     pub hidden: usize,
     /// Number of residual blocks.
@@ -24,7 +24,7 @@ pub struct DecoderConfig {
     /// Whether the last activation is a leaky ReLU (slope 0.2) instead of a ReLU.
     #[config(default = false)]
     pub leaky: bool,
-    /// Octaves of sines and cosines given to the network beside the coordinates; 0, the original, gives it none.
+    /// Octaves of sines and cosines given to the network beside the coordinates; with 0, as in the paper, there are none.
     #[config(default = 0)]
     pub octaves: usize,
 }
@@ -56,12 +56,12 @@ impl DecoderConfig {
 ///
 /// `net = fc_p(p)`; before each block `net += fc_c(c)`; a block is `x + fc_1(relu(fc_0(relu(x))))`;
 /// `out = fc_out(relu(net))`: channel 0 is the occupancy logit, the sigmoid of channels 1 to 3 is the colour.
-/// Parameter names are those of the original's checkpoints.
+/// Parameter names are those of the reference code's checkpoints.
 #[derive(Module, Debug)]
 pub struct Decoder {
     /// Points (and their encoding) to hidden, `[3 + 6 octaves, hidden]`.
     pub fc_p: Linear,
-    /// Code to hidden, one a block, `[code_dim, hidden]`; empty without a code.
+    /// Code to hidden, one per block, `[code_dim, hidden]`; empty without a code.
     pub fc_c: Vec<Linear>,
     /// The residual blocks.
     pub blocks: Vec<ResnetBlock>,
@@ -82,18 +82,18 @@ pub struct ResnetBlock {
     pub fc_1: Linear,
 }
 
-/// Slope of the leaky ReLU for negative values, as in the original.
+/// Slope of the leaky ReLU for negative values, as in the reference code.
 pub(crate) const LEAK: f64 = 0.2;
 
 impl Decoder {
     /// Raw outputs, `[n, 4]`: occupancy logit, then the colour before the sigmoid.
     ///
-    /// `points` is `[n, 3]`; `code` holds one latent code a point, `[n, code_dim]`, or is `None`.
+    /// `points` is `[n, 3]`; `code` holds one latent code per point, `[n, code_dim]`, or is `None`.
     pub fn forward(&self, points: Tensor<2>, code: Option<Tensor<2>>) -> Tensor<2> {
         self.outputs(points, &self.conditions(code), None)
     }
 
-    /// What each block adds of the codes `[m, code_dim]`: one `[m, hidden]` a block, none without codes.
+    /// What each block adds of the codes `[m, code_dim]`: one `[m, hidden]` per block, none without codes.
     pub(crate) fn conditions(&self, codes: Option<Tensor<2>>) -> Vec<Tensor<2>> {
         codes.map_or_else(Vec::new, |codes| self.fc_c.iter().map(|fc_c| fc_c.forward(codes.clone())).collect())
     }
@@ -168,7 +168,7 @@ impl Decoder {
 }
 
 /// A layer `[n, hidden]` and what its points' codes add: the row of `condition` `[m, hidden]` that `object` `[n]` picks
-/// for each point, or without `object` a row a point, or the only row for all of them.
+/// for each point, or without `object` a row per point, or the only row for all of them.
 fn given(net: Tensor<2>, condition: Option<&Tensor<2>>, object: Option<&Tensor<1, Int>>) -> Tensor<2> {
     match (condition, object) {
         (None, _) => net,

@@ -19,7 +19,7 @@ pub(crate) fn encode(points: Tensor<2>, octaves: usize) -> Tensor<2> {
     Tensor::cat(features, 1)
 }
 
-/// The derivative of [`encode`] along a direction a point, both `[n, 3]`.
+/// The derivative of [`encode`] along a direction per point, both `[n, 3]`.
 pub(crate) fn encode_tangent(points: Tensor<2>, direction: Tensor<2>, octaves: usize) -> Tensor<2> {
     if octaves == 0 {
         return direction;

@@ -34,7 +34,7 @@ impl FusedDecoder {
         Self { network: ResidualMlp::new(weights(&input), &blocks, weights(&output), decoder.octaves, leak) }
     }
 
-    /// The same for each of some objects, given what each block adds of their codes, `[objects, hidden]` a block.
+    /// The same for each of some objects, given what each block adds of their codes, `[objects, hidden]` per block.
     pub(crate) fn with_conditions(&self, conditions: &[Tensor<2>]) -> Vec<Self> {
         let [objects, hidden] = conditions.first().map_or([0, 0], Tensor::dims);
         let shifts: Vec<Vec<f32>> =
@@ -45,7 +45,7 @@ impl FusedDecoder {
         (0..objects).map(|object| Self { network: self.network.shifted(&of_object(object)) }).collect()
     }
 
-    /// Whether a parameter is a number that the processor computes with in single precision.
+    /// Whether a parameter is a number that the CPU computes with in single precision.
     pub(crate) fn suits(parameter: &Tensor<2>) -> bool {
         parameter.device() == Device::flex() && parameter.dtype() == DType::F32
     }
@@ -146,7 +146,7 @@ mod tests {
         Rays::new(&rays, UnitCube::default(), &Device::flex())
     }
 
-    /// Depth of each hit by ray, what starts inside, and the densest depth of rays that miss.
+    /// Depth of each hit by ray, what starts inside, and the depth of the largest logit of rays that miss.
     fn compare(ours: &March, truth: &March) {
         let indices = |march: &March| march.hits.as_ref().map(|hits| hits.index.clone().into_data());
         assert!(indices(truth).is_some_and(|hits| hits.num_elements() > 20), "too few hits to compare");
@@ -159,9 +159,9 @@ mod tests {
             truth.status.iter().map(|&status| f32::from(u8::from(status == RayStatus::Misses))).collect();
         let missed = Tensor::<1>::from_floats(missed.as_slice(), &truth.max_logit_depth.device());
         let apart = (ours.max_logit_depth.clone() - truth.max_logit_depth.clone()) * missed;
-        // Two samples may be as dense as each other, to rounding: few rays may differ.
+        // Two samples may have the same logit, to rounding: few rays may differ.
         let differ = apart.abs().greater_elem(1e-4).float().sum().into_scalar::<f32>();
-        assert!(differ <= 2.0, "{differ} rays have another densest sample");
+        assert!(differ <= 2.0, "{differ} rays have another largest logit");
     }
 
     #[test]

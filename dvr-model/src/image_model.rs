@@ -19,7 +19,7 @@ pub struct ImageModelConfig {
 }
 
 impl Default for ImageModelConfig {
-    /// The publication's: a ResNet-18, codes of length 256 and a decoder of width 512.
+    /// The paper's: a ResNet-18, codes of length 256 and a decoder of width 512.
     fn default() -> Self {
         Self { encoder: EncoderConfig::default(), decoder: DecoderConfig::new().with_code_dim(256).with_hidden(512) }
     }
@@ -51,7 +51,7 @@ impl ImageModelConfig {
     pub fn check(&self) -> Result<(), OutOfRange> {
         let check = |ok: bool, key, value, range| if ok { Ok(()) } else { Err(OutOfRange { key, value, range }) };
         let decoder = &self.decoder;
-        check(decoder.code_dim > 0, "decoder.code_dim", decoder.code_dim, "at least 1 (the publication's is 256)")?;
+        check(decoder.code_dim > 0, "decoder.code_dim", decoder.code_dim, "at least 1 (the paper's is 256)")?;
         check(decoder.hidden > 0, "decoder.hidden", decoder.hidden, "at least 1")?;
         check(decoder.octaves <= 16, "decoder.octaves", decoder.octaves, "at most 16")?;
         match self.encoder {
@@ -74,7 +74,7 @@ impl ImageModelConfig {
     }
 }
 
-/// An encoder and a decoder, with the parameter names of the original's checkpoints.
+/// An encoder and a decoder, with the parameter names of the checkpoints of DVR's reference code.
 #[derive(Module, Debug)]
 pub struct ImageModel {
     /// Makes the codes.

@@ -1,5 +1,8 @@
-//! Burn modules for differentiable volumetric rendering: the decoder of the original, the encoders that make its latent
-//! codes from pictures, their records, and checkpoints of the original.
+//! Networks for differentiable volumetric rendering, as burn modules: the decoder of DVR (Niemeyer et al. 2020), the
+//! encoders that make its latent codes from pictures, their files, and the checkpoints of DVR's reference code.
+//!
+//! A [`Decoder`] is a [`dvr_render::Field`]: it is differentiated by forward mode, evaluated on the CPU in fused tiles, and
+//! marched by a kernel on a GPU.
 //!
 //! ```
 //! use burn::tensor::{Device, Tensor};
@@ -47,6 +50,7 @@ mod conditioned;
 mod decoder;
 mod encoder;
 mod encoding;
+mod error;
 mod fused;
 #[cfg(feature = "gpu")]
 mod gpu_march;
@@ -59,9 +63,8 @@ mod tensors;
 pub use conditioned::Conditioned;
 pub use decoder::{Decoder, DecoderConfig, ResnetBlock};
 pub use encoder::{BasicBlock, Codes, Convolutional, Encoder, EncoderConfig, Resnet18, Resnet18Features};
+pub use error::RecordError;
 pub use fused::FusedDecoder;
 pub use image_model::{ImageModel, ImageModelConfig, OutOfRange};
 pub use pytorch::{AdamMoments, Imported, ImportedNetwork, PytorchCheckpoint, load_pretrained, read_pytorch};
-pub use record::{
-    FORMAT_VERSION, NetworkConfig, RecordError, from_safetensors, load_safetensors, save_safetensors, to_safetensors,
-};
+pub use record::{FORMAT_VERSION, NetworkConfig, from_safetensors, load_safetensors, save_safetensors, to_safetensors};

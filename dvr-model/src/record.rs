@@ -1,7 +1,8 @@
 //! Networks on disk: safetensors with the configuration and a format version in the header.
 //!
-//! Tensors carry the names and the layout (`[out, in]`) of the original's PyTorch modules, so that the files go both
-//! ways: `torch.nn.Module.load_state_dict` takes what is written here, and what the original exported is read.
+//! Tensors carry the names and the layout (`[out, in]`) of the PyTorch modules of DVR's reference code, so that the files
+//! go both ways: `torch.nn.Module.load_state_dict` takes what is written here, and what the reference code exported is
+//! read.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -16,6 +17,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 use crate::decoder::{Decoder, DecoderConfig};
+use crate::error::RecordError;
 use crate::image_model::{ImageModel, ImageModelConfig};
 use crate::tensors::{collect, fill};
 
@@ -33,7 +35,7 @@ pub trait NetworkConfig: Serialize + DeserializeOwned {
     /// A network with fresh parameters.
     fn fresh(&self, device: &Device) -> Self::Network;
 
-    /// The configuration that a header without one of ours describes: that of the original's bare state dicts.
+    /// The configuration that a header without one of ours describes: that of the reference code's bare state dicts.
     ///
     /// # Errors
     /// When keys are missing.
@@ -50,10 +52,10 @@ impl NetworkConfig for DecoderConfig {
 
     /// Reads `c_dim`, `hidden_size`, `n_blocks` and `leaky`.
     fn from_keys(header: &HashMap<String, String>) -> Result<Self, RecordError> {
-        let get = |key: &str| header.get(key).ok_or_else(|| RecordError::Header(format!("key {key:?} is missing")));
-        let number = |key: &str| -> Result<usize, RecordError> {
+        let get = |key: &'static str| header.get(key).ok_or(RecordError::MissingKey { key });
+        let number = |key: &'static str| -> Result<usize, RecordError> {
             let value = get(key)?;
-            value.parse().map_err(|_| RecordError::Header(format!("{key} is {value:?}, not a number")))
+            value.parse().map_err(|_| configuration(key, value, &"expected a whole number"))
         };
         Ok(Self::new()
             .with_code_dim(number("c_dim")?)
@@ -72,31 +74,8 @@ impl NetworkConfig for ImageModelConfig {
     }
 
     fn from_keys(_: &HashMap<String, String>) -> Result<Self, RecordError> {
-        Err(RecordError::Header("key \"config\" is missing".into()))
+        Err(RecordError::MissingKey { key: "config" })
     }
-}
-
-/// Why a network cannot be read or written.
-#[derive(Debug, thiserror::Error)]
-pub enum RecordError {
-    /// The file itself.
-    #[error(transparent)]
-    File(#[from] dvr_core::Error),
-    /// Not the container that it should be, or a broken one.
-    #[error("not a readable file of tensors: {0}")]
-    Container(String),
-    /// The header lacks the configuration, or it cannot be understood.
-    #[error("the header does not describe a network: {0}")]
-    Header(String),
-    /// Written by a newer program.
-    #[error("format version {found} is newer than {FORMAT_VERSION}, the newest this program reads; update dvr")]
-    Version {
-        /// The version in the file.
-        found: u32,
-    },
-    /// Tensors do not fit the configuration, or each other.
-    #[error("the tensors do not fit the network: {0}")]
-    Shape(String),
 }
 
 /// A network as the bytes of a safetensors file.
@@ -104,11 +83,10 @@ pub enum RecordError {
 /// # Errors
 /// Only where memory runs out or a tensor cannot be read back from its device.
 pub fn to_safetensors<C: NetworkConfig>(network: &C::Network, config: &C) -> Result<Vec<u8>, RecordError> {
-    let json = serde_json::to_string(config).map_err(|e| RecordError::Header(e.to_string()))?;
+    let json = serde_json::to_string(config).map_err(|e| configuration("config", C::FORMAT, &e))?;
     let header = [("format", C::FORMAT.to_owned()), ("version", FORMAT_VERSION.to_string()), ("config", json)];
     let header = header.map(|(key, value)| (key.to_owned(), value)).into();
-    let broken = |e: &dyn std::fmt::Display| RecordError::Container(e.to_string());
-    let parts = collect(network)?.into_iter().map(|tensor| tensor.into_parts().map_err(|e| broken(&e)));
+    let parts = collect(network)?.into_iter().map(|tensor| tensor.into_parts().map_err(RecordError::damaged));
     let parts = parts.collect::<Result<Vec<_>, _>>()?;
     let views = parts.iter().map(|(name, dtype, shape, _, bytes)| {
         let dtype = match dtype {
@@ -117,24 +95,24 @@ pub fn to_safetensors<C: NetworkConfig>(network: &C::Network, config: &C) -> Res
             DType::F16 => Dtype::F16,
             DType::BF16 => Dtype::BF16,
             DType::I64 => Dtype::I64,
-            other => return Err(RecordError::Container(format!("tensor {name:?} is of type {other:?}"))),
+            other => return Err(number_type(name, &other)),
         };
-        Ok((name, TensorView::new(dtype, shape.iter().copied().collect(), bytes).map_err(|e| broken(&e))?))
+        let view = TensorView::new(dtype, shape.iter().copied().collect(), bytes);
+        Ok((name, view.map_err(RecordError::damaged)?))
     });
-    serialize(views.collect::<Result<Vec<_>, _>>()?, Some(header)).map_err(|e| broken(&e))
+    serialize(views.collect::<Result<Vec<_>, _>>()?, Some(header)).map_err(RecordError::damaged)
 }
 
-/// A network from the bytes of a safetensors file: one of ours, or a bare `state_dict` of the original's decoder with
+/// A network from the bytes of a safetensors file: one of ours, or a bare `state_dict` of the reference code's decoder with
 /// `c_dim`, `hidden_size`, `n_blocks` and `leaky` in its header.
 ///
 /// # Errors
-/// When the bytes are no safetensors file, the header does not describe this kind of network, or the tensors do not
+/// When the bytes are not a safetensors file, the header does not describe this kind of network, or the tensors do not
 /// fit it.
 pub fn from_safetensors<C: NetworkConfig>(bytes: &[u8], device: &Device) -> Result<(C, C::Network), RecordError> {
-    let broken = |e: safetensors::SafeTensorError| RecordError::Container(e.to_string());
-    let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(broken)?;
+    let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(RecordError::damaged)?;
     let config: C = read_header(metadata.metadata().as_ref().unwrap_or(&HashMap::new()))?;
-    let file = SafeTensors::deserialize(bytes).map_err(broken)?;
+    let file = SafeTensors::deserialize(bytes).map_err(RecordError::damaged)?;
     let tensors = file.iter().map(|(name, tensor)| {
         let dtype = match tensor.dtype() {
             Dtype::F32 => DType::F32,
@@ -142,7 +120,7 @@ pub fn from_safetensors<C: NetworkConfig>(bytes: &[u8], device: &Device) -> Resu
             Dtype::F16 => DType::F16,
             Dtype::BF16 => DType::BF16,
             Dtype::I64 => DType::I64,
-            other => return Err(RecordError::Container(format!("tensor {name:?} is of type {other:?}"))),
+            other => return Err(number_type(name, &other)),
         };
         let bytes = Bytes::from_bytes_vec(tensor.data().to_vec());
         Ok(NamedTensor::new(name.to_owned(), dtype, Shape::from(tensor.shape().to_vec()), None, bytes))
@@ -172,13 +150,21 @@ pub fn load_safetensors<C: NetworkConfig>(path: &Path, device: &Device) -> Resul
 fn read_header<C: NetworkConfig>(header: &HashMap<String, String>) -> Result<C, RecordError> {
     let Some(json) = header.get("config") else { return C::from_keys(header) };
     if let Some(format) = header.get("format").filter(|format| *format != C::FORMAT) {
-        return Err(RecordError::Header(format!("it says {format:?}, not {:?}", C::FORMAT)));
+        return Err(RecordError::Kind { found: format.clone(), expected: C::FORMAT });
     }
-    let version = header.get("version").and_then(|v| v.parse().ok()).unwrap_or(0);
-    if version > FORMAT_VERSION {
-        return Err(RecordError::Version { found: version });
+    let version = header.get("version").ok_or(RecordError::MissingKey { key: "version" })?;
+    if *version != FORMAT_VERSION.to_string() {
+        return Err(RecordError::Version { found: version.clone(), expected: FORMAT_VERSION });
     }
-    serde_json::from_str(json).map_err(|e| RecordError::Header(e.to_string()))
+    serde_json::from_str(json).map_err(|e| configuration("config", json, &e))
+}
+
+fn configuration(key: &str, value: &str, reason: &dyn std::fmt::Display) -> RecordError {
+    RecordError::Configuration { key: key.to_owned(), value: value.to_owned(), reason: reason.to_string() }
+}
+
+fn number_type(name: &str, dtype: &dyn std::fmt::Debug) -> RecordError {
+    RecordError::NumberType { name: name.to_owned(), dtype: format!("{dtype:?}") }
 }
 
 #[cfg(test)]
@@ -208,7 +194,7 @@ mod tests {
     }
 
     #[test]
-    fn tensors_have_the_originals_names_and_layout() {
+    fn tensors_have_the_reference_code_s_names_and_layout() {
         let (_, bytes) = bytes(&DecoderConfig::new().with_hidden(8).with_blocks(1));
         let file = SafeTensors::deserialize(&bytes).unwrap();
         assert_eq!(file.tensor("fc_p.weight").unwrap().shape(), [8, 3]);
@@ -217,7 +203,7 @@ mod tests {
     }
 
     #[test]
-    fn an_image_model_has_the_originals_names_and_pytorchs_counts_of_batches() {
+    fn an_image_model_has_the_reference_code_s_names_and_pytorch_s_counts_of_batches() {
         let decoder = DecoderConfig::new().with_code_dim(4).with_hidden(8).with_blocks(1);
         let config = ImageModelConfig { encoder: EncoderConfig::default(), decoder };
         let model = config.init(&Device::flex().autodiff());
@@ -240,7 +226,7 @@ mod tests {
         let again = SafeTensors::deserialize(&again).unwrap();
         assert_eq!(again.len(), file.len());
         assert!(file.iter().all(|(name, tensor)| again.tensor(name).unwrap() == tensor));
-        assert!(matches!(from_safetensors::<DecoderConfig>(&bytes, &Device::flex()), Err(RecordError::Header(_))));
+        assert!(matches!(from_safetensors::<DecoderConfig>(&bytes, &Device::flex()), Err(RecordError::Kind { .. })));
     }
 
     #[test]
@@ -249,12 +235,24 @@ mod tests {
         let device = Device::flex();
         assert!(matches!(
             from_safetensors::<DecoderConfig>(&good[..good.len() / 2], &device),
-            Err(RecordError::Container(_))
+            Err(RecordError::Damaged { .. })
         ));
-        assert!(matches!(from_safetensors::<DecoderConfig>(b"", &device), Err(RecordError::Container(_))));
+        assert!(matches!(from_safetensors::<DecoderConfig>(b"", &device), Err(RecordError::Damaged { .. })));
         let wrong = to_safetensors(&decoder, &DecoderConfig::new().with_hidden(9).with_blocks(1)).unwrap();
-        assert!(matches!(from_safetensors::<DecoderConfig>(&wrong, &device), Err(RecordError::Shape(_))));
+        assert!(matches!(from_safetensors::<DecoderConfig>(&wrong, &device), Err(RecordError::Shape { .. })));
         let fewer = to_safetensors(&decoder, &DecoderConfig::new().with_hidden(8).with_blocks(0)).unwrap();
-        assert!(matches!(from_safetensors::<DecoderConfig>(&fewer, &device), Err(RecordError::Shape(_))));
+        assert!(matches!(from_safetensors::<DecoderConfig>(&fewer, &device), Err(RecordError::UnknownTensors { .. })));
+    }
+
+    #[test]
+    fn another_version_is_refused() {
+        let header = |version: &str| {
+            let entries = [("format", "dvr-decoder"), ("version", version), ("config", "{}")];
+            entries.map(|(key, value)| (key.to_owned(), value.to_owned())).into()
+        };
+        let refused = read_header::<DecoderConfig>(&header("7")).unwrap_err();
+        assert_eq!(refused.to_string(), "the file has format version \"7\", expected 1");
+        assert!(matches!(read_header::<DecoderConfig>(&header("")), Err(RecordError::Version { .. })));
+        assert!(read_header::<DecoderConfig>(&header("1")).is_ok());
     }
 }

@@ -1,7 +1,7 @@
 //! Modules as named tensors with PyTorch's names and layout, and back.
 //!
 //! Linear weights are `[out, in]`, normalisations have `weight` and `bias`, and every batch normalisation has its count
-//! of batches: what `state_dict()` of the original's modules gives.
+//! of batches: what `state_dict()` of the modules of DVR's reference code gives.
 
 use burn::module::Module;
 use burn::tensor::{Bytes, DType, Device, Shape, Tensor, TensorData};
@@ -9,7 +9,7 @@ use burn_store::burn_pack::Tensor as NamedTensor;
 use burn_store::{ApplyError, BurnToPyTorchAdapter, FloatCastAdapter, ModuleAdapter, ModuleSnapshot};
 use burn_store::{PyTorchToBurnAdapter, bridge};
 
-use crate::record::RecordError;
+use crate::error::RecordError;
 
 /// The parameter of our encoder that stands for PyTorch's counts of batches.
 const BATCHES: &str = "batches_tracked";
@@ -27,7 +27,7 @@ const RUNNING_MEAN: &str = "running_mean";
 pub(crate) fn collect<M: Module + ModuleSnapshot>(module: &M) -> Result<Vec<NamedTensor>, RecordError> {
     let mut tensors = module.collect(None, Some(Box::new(BurnToPyTorchAdapter)), true);
     let Some(at) = tensors.iter().position(|tensor| leaf(&tensor.name) == BATCHES) else { return Ok(tensors) };
-    let count = bridge::into_data(tensors.remove(at)).map_err(|e| RecordError::Container(e.to_string()))?;
+    let count = bridge::into_data(tensors.remove(at)).map_err(RecordError::damaged)?;
     let count = count.iter::<f64>().next().unwrap_or(0.0) as i64;
     let means = tensors.iter().filter_map(|tensor| tensor.name.strip_suffix(RUNNING_MEAN).map(str::to_owned));
     let counts: Vec<_> = means.map(|prefix| whole_number(count, format!("{prefix}{TORCH_BATCHES}"))).collect();
@@ -49,26 +49,24 @@ pub(crate) fn fill<M: Module + ModuleSnapshot>(
     let result = module.apply(one_count(tensors)?, None, Some(Box::new(adapter)), true);
     if let Some(error) = result.errors.first() {
         return Err(match error {
-            ApplyError::ShapeMismatch { path, expected, found } => RecordError::Shape(format!(
-                "tensor {path:?} has the shape {}, the others ask for {}",
-                plain(found),
-                plain(expected)
-            )),
+            ApplyError::ShapeMismatch { path, expected, found } => RecordError::Shape {
+                name: path.clone(),
+                found: found.iter().copied().collect(),
+                expected: format!("{:?}", expected.iter().collect::<Vec<_>>()),
+            },
             ApplyError::LoadError { path, message } => {
-                RecordError::Container(format!("tensor {path:?} cannot be read ({message})"))
+                RecordError::DamagedTensor { name: path.clone(), reason: message.clone() }
             }
-            other => RecordError::Shape(other.to_string()),
+            other => RecordError::damaged(other),
         });
     }
-    if let Some(name) = result.unused.first() {
-        return Err(RecordError::Shape(format!("tensor {name:?} has no place in it{}", more(result.unused.len()))));
+    if !result.unused.is_empty() {
+        return Err(RecordError::UnknownTensors { names: result.unused });
     }
     // A file without normalisations' counts, as safetensors of other programs, is complete.
-    let missing: Vec<_> = result.missing.iter().filter(|(path, _)| leaf(path) != BATCHES).collect();
-    if let Some((path, _)) = missing.first() {
-        return Err(RecordError::Shape(format!("tensor {path:?} is missing{}", more(missing.len()))));
-    }
-    Ok(module)
+    let missing: Vec<_> =
+        result.missing.into_iter().map(|(path, _)| path).filter(|path| leaf(path) != BATCHES).collect();
+    if missing.is_empty() { Ok(module) } else { Err(RecordError::MissingTensors { names: missing }) }
 }
 
 /// PyTorch's counts of batches, which are all the same, as the one that our encoder keeps.
@@ -81,7 +79,7 @@ fn one_count(tensors: Vec<NamedTensor>) -> Result<Vec<NamedTensor>, RecordError>
         parts.truncate(parts.len().saturating_sub(2));
         parts.push(BATCHES);
         let name = parts.join(".");
-        let data = bridge::into_data(count).map_err(|e| RecordError::Container(e.to_string()))?;
+        let data = bridge::into_data(count).map_err(RecordError::damaged)?;
         let count = data.iter::<f64>().next().unwrap_or(0.0) as f32;
         rest.push(bridge::from_data(TensorData::from([count]), name, None));
     }
@@ -97,16 +95,6 @@ fn whole_number(value: i64, name: String) -> NamedTensor {
 /// The last part of a dotted name.
 fn leaf(name: &str) -> &str {
     name.rsplit('.').next().unwrap_or(name)
-}
-
-/// `[64, 3]`, without what the type calls itself.
-fn plain(shape: &Shape) -> String {
-    format!("{:?}", shape.iter().collect::<Vec<_>>())
-}
-
-/// How many more there are than the one that is named.
-fn more(count: usize) -> String {
-    if count > 1 { format!(" (and {} more)", count - 1) } else { String::new() }
 }
 
 #[cfg(test)]

@@ -9,10 +9,10 @@ const DEVIATION: f64 = 0.01;
 
 /// The codes of all training objects.
 ///
-/// It has the parameter name of the original's encoder `idx`, a PyTorch embedding: `encoder.weight`.
+/// It has the parameter name of the encoder `idx` of DVR's reference code, a PyTorch embedding: `encoder.weight`.
 #[derive(Module, Debug)]
 pub struct Codes {
-    /// One row an object, `[objects, code_dim]`.
+    /// One row per object, `[objects, code_dim]`.
     pub weight: Param<Tensor<2>>,
 }
 

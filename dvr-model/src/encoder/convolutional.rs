@@ -1,4 +1,4 @@
-//! The original's small convolutional encoder.
+//! The small convolutional encoder of DVR's reference code.
 
 use burn::module::Module;
 use burn::nn::conv::{Conv2d, Conv2dConfig};
@@ -9,7 +9,7 @@ use burn::tensor::{Device, Tensor};
 /// Five convolutions 3x3 of stride 2 without padding, their global average, and a linear layer to the code.
 ///
 /// ReLUs stand between all of them, the average included: `fc_out(relu(mean(conv4(relu(...conv0(image))))))`. There is
-/// no normalisation of any kind. Parameter names are those of the original's `ConvEncoder`, below `encoder.`.
+/// no normalisation of any kind. Parameter names are those of the reference code's `ConvEncoder`, below `encoder.`.
 #[derive(Module, Debug)]
 pub struct Convolutional {
     /// `width` channels.
@@ -30,9 +30,9 @@ impl Convolutional {
     /// Side of the smallest image that leaves something to average: five times `(n - 3) / 2 + 1`, down to 1.
     pub const SMALLEST_IMAGE: usize = 63;
 
-    /// Random parameters that keep the variance through ReLUs (He et al. 2015). The original's `width` is 32.
+    /// Random parameters that keep the variance through ReLUs (He et al. 2015). The reference code's `width` is 32.
     ///
-    /// PyTorch's own draw, which the original starts from, shrinks what tells two pictures apart by a factor of 2.4 a
+    /// PyTorch's own draw, which the reference code starts from, shrinks what tells two pictures apart by a factor of 2.4 per
     /// layer: codes are then all but equal, and it takes ten thousands of steps until they are not.
     pub fn new(width: usize, code_dim: usize, device: &Device) -> Self {
         let initializer = Initializer::KaimingUniform { gain: f64::sqrt(2.0), fan_out_only: false };

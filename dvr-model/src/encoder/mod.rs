@@ -18,7 +18,7 @@ pub use resnet18::{BasicBlock, Resnet18, Resnet18Features};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
 pub enum EncoderConfig {
-    /// The publication's encoder, see [`Resnet18`].
+    /// The paper's encoder, see [`Resnet18`].
     Resnet18 {
         /// Side that images are resized to, pixels.
         #[serde(default = "image_size")]
@@ -41,18 +41,18 @@ pub enum EncoderConfig {
     },
 }
 
-/// The side of images that the original and ImageNet's classifiers take.
+/// The side of images that DVR's reference code and ImageNet's classifiers take.
 fn image_size() -> usize {
     224
 }
 
-/// Channels of the original's first convolution.
+/// Channels of the first convolution in DVR's reference code.
 fn width() -> usize {
     32
 }
 
 impl Default for EncoderConfig {
-    /// The publication's.
+    /// The paper's.
     fn default() -> Self {
         Self::Resnet18 { image_size: image_size() }
     }
@@ -79,7 +79,7 @@ impl EncoderConfig {
 
 /// Makes the latent codes of objects (`c` in DVR, section 3.1).
 #[derive(Module, Debug)]
-#[allow(clippy::large_enum_variant)] // there is one a model, and burn's modules take no box
+#[allow(clippy::large_enum_variant)] // there is one per model, and burn's modules take no box
 pub enum Encoder {
     /// From an image, by a ResNet-18.
     Resnet18(Resnet18),

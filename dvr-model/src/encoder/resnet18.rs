@@ -1,4 +1,4 @@
-//! ResNet-18 (He et al. 2016) as torchvision defines it, with the original's linear layer behind it.
+//! ResNet-18 (He et al. 2016) as torchvision defines it, with the linear layer of DVR's reference code behind it.
 
 use burn::module::{Module, RunningState};
 use burn::nn::conv::{Conv2d, Conv2dConfig};
@@ -13,9 +13,9 @@ const FEATURES: usize = 512;
 /// Mean and standard deviation of ImageNet's sRGB channels, which the pretrained weights expect.
 const IMAGENET: [[f32; 3]; 2] = [[0.485, 0.456, 0.406], [0.229, 0.224, 0.225]];
 
-/// The original's image encoder: ImageNet normalisation, the features of a ResNet-18, and a linear layer to the code.
+/// The paper's image encoder: ImageNet normalisation, the features of a ResNet-18, and a linear layer to the code.
 ///
-/// Parameter names are those of the original's checkpoints, below `encoder.`.
+/// Parameter names are those of the reference code's checkpoints, below `encoder.`.
 #[derive(Module, Debug)]
 pub struct Resnet18 {
     /// Everything up to the global average.
@@ -36,7 +36,7 @@ impl Resnet18 {
     }
 }
 
-/// Images as ImageNet classifiers take them: mean 0 and deviation 1 a channel over ImageNet.
+/// Images as ImageNet classifiers take them: mean 0 and deviation 1 per channel over ImageNet.
 pub(super) fn normalised(images: Tensor<4>) -> Tensor<4> {
     let device = images.device();
     let [mean, deviation] = IMAGENET.map(|values| Tensor::<1>::from_floats(values, &device).reshape([1, 3, 1, 1]));

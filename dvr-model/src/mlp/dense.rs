@@ -7,7 +7,7 @@ use std::sync::Arc;
 pub struct LinearWeights<'a> {
     /// `W`, `[inputs, outputs]`, row by row.
     pub weight: &'a [f32],
-    /// `b`, one number an output.
+    /// `b`, one number per output.
     pub bias: &'a [f32],
     /// How many inputs there are.
     pub inputs: usize,
@@ -54,7 +54,7 @@ impl Dense {
 
     /// Adds to the bias.
     pub(super) fn shift(&mut self, shift: &[f32]) {
-        assert_eq!(shift.len(), self.outputs, "one number an output");
+        assert_eq!(shift.len(), self.outputs, "one number per output");
         self.bias.iter_mut().zip(shift).for_each(|(bias, shift)| *bias += shift);
     }
 
@@ -71,7 +71,7 @@ impl Dense {
         self.bias.len()
     }
 
-    /// The weights of block `i`, one row an input, and its biases.
+    /// The weights of block `i`, one row per input, and its biases.
     pub(super) fn block(&self, i: usize) -> (&[[f32; BLOCK]], &[f32]) {
         (&self.weights[i * self.inputs..(i + 1) * self.inputs], &self.bias[i * BLOCK..(i + 1) * BLOCK])
     }

@@ -1,4 +1,4 @@
-//! What a point gives to the network: its coordinates and their positional encoding, one row a feature.
+//! What a point gives to the network: its coordinates and their positional encoding, one row per feature.
 
 use std::f32::consts::PI;
 

@@ -1,4 +1,4 @@
-//! The original's decoder without gradients: a residual network of fully connected layers that never leaves the cache.
+//! The decoder without gradients: a residual network of fully connected layers that never leaves the cache.
 //!
 //! A tile of points goes through all layers before the next one starts. Points lie along the lanes of vector registers,
 //! so that no layer needs a sum over lanes, and each weight is read once for all points of a tile. The
@@ -64,7 +64,7 @@ impl ResidualMlp {
         }
     }
 
-    /// The network for one latent code: `shifts[i]`, one number a hidden unit, is added to `net` before block `i`. The
+    /// The network for one latent code: `shifts[i]`, one number per hidden unit, is added to `net` before block `i`. The
     /// weights are shared, so that a network for each of many objects costs little.
     ///
     /// # Panics
@@ -149,7 +149,7 @@ impl ResidualMlp {
     }
 }
 
-/// Points a panel on this machine.
+/// Points per panel on this machine.
 fn panel_width() -> usize {
     struct Lanes;
     impl pulp::WithSimd for Lanes {

@@ -4,7 +4,7 @@ use rand_chacha::ChaCha8Rng;
 
 use super::*;
 
-/// A network as numbers, evaluated one point at a time in double precision: the slow twin.
+/// A network as numbers, evaluated one point at a time in double precision: the reference implementation.
 struct Plain {
     layers: Vec<(Vec<f32>, Vec<f32>)>,
     octaves: usize,
@@ -12,7 +12,7 @@ struct Plain {
 }
 
 impl Plain {
-    /// Random layers: the input, two a block, the output.
+    /// Random layers: the input, two per block, the output.
     fn random(hidden: usize, blocks: usize, outputs: usize, octaves: usize, leak: f32) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(7);
         let mut shapes = vec![(feature_count(octaves), hidden)];
@@ -71,7 +71,7 @@ fn points(n: usize) -> Vec<Vec3> {
     (0..n).map(|_| Vec3::from_array([0; 3].map(|_| rng.random_range(-0.55..0.55)))).collect()
 }
 
-/// Widths that fill no block, one block and a half, and the original's; with and without encoding, leak and blocks.
+/// Widths that fill no block, one block and a half, and the paper's; with and without encoding, leak and blocks.
 const SHAPES: [(usize, usize, usize, usize, f32); 5] =
     [(5, 2, 1, 0, 0.0), (12, 1, 4, 3, 0.2), (128, 5, 4, 0, 0.0), (128, 5, 4, 4, 0.0), (24, 0, 3, 1, 0.2)];
 

@@ -7,7 +7,7 @@ use burn_store::bridge;
 use burn_store::burn_pack::Tensor as NamedTensor;
 use burn_store::pytorch_reader::{PickleValue, PytorchReader};
 
-use crate::record::RecordError;
+use crate::error::RecordError;
 
 /// Tensors by name, their bytes unread.
 pub(super) type Tensors = HashMap<String, NamedTensor>;
@@ -18,7 +18,7 @@ pub(super) fn read_tensors(path: &Path, key: Option<&str>) -> Result<Tensors, Re
         Some(key) => PytorchReader::with_top_level_key(path, key),
         None => PytorchReader::new(path),
     };
-    let tensors = reader.map_err(|e| RecordError::Container(e.to_string()))?.into_tensors();
+    let tensors = reader.map_err(RecordError::damaged)?.into_tensors();
     Ok(tensors.into_iter().map(|(name, tensor)| (name, bridge::from_pytorch(tensor))).collect())
 }
 
@@ -29,9 +29,9 @@ impl Pickle {
     /// Reads a file whose root is a dictionary.
     pub(super) fn read(path: &Path) -> Result<Self, RecordError> {
         std::fs::File::open(path).map_err(|e| dvr_core::Error::io(path, e))?;
-        match PytorchReader::read_pickle_data(path, None).map_err(|e| RecordError::Container(e.to_string()))? {
+        match PytorchReader::read_pickle_data(path, None).map_err(RecordError::damaged)? {
             PickleValue::Dict(entries) => Ok(Self(entries)),
-            _ => Err(RecordError::Container("there is no dictionary of tensors in it".into())),
+            _ => Err(RecordError::damaged("there is no dictionary of tensors in it")),
         }
     }
 
@@ -73,10 +73,13 @@ pub(super) fn whole(value: &PickleValue) -> Option<i64> {
 
 /// The two extents of a matrix.
 pub(super) fn matrix(tensors: &Tensors, name: &str) -> Result<[usize; 2], RecordError> {
-    let tensor = tensors.get(name).ok_or_else(|| RecordError::Shape(format!("tensor {name:?} is missing")))?;
-    let shape: Vec<usize> = tensor.shape.iter().copied().collect();
-    <[usize; 2]>::try_from(shape)
-        .map_err(|shape| RecordError::Shape(format!("tensor {name:?} has the shape {shape:?}, a matrix is needed")))
+    let missing = || RecordError::MissingTensors { names: vec![name.to_owned()] };
+    let shape: Vec<usize> = tensors.get(name).ok_or_else(missing)?.shape.iter().copied().collect();
+    <[usize; 2]>::try_from(shape).map_err(|found| RecordError::Shape {
+        name: name.to_owned(),
+        found,
+        expected: "a matrix".into(),
+    })
 }
 
 /// A tensor under another name.

@@ -1,4 +1,4 @@
-//! The original's checkpoints, and torchvision's pretrained ResNet-18: PyTorch files, zip and legacy, without PyTorch.
+//! Checkpoints of DVR's reference code, and torchvision's pretrained ResNet-18: PyTorch files, zip and legacy, without PyTorch.
 //!
 //! A checkpoint (`im2mesh/checkpoints.py`) is a dictionary with the state dict `model` (names `decoder.*`,
 //! `encoder.*`), in most files the state of Adam as `optimizer`, and the numbers `epoch_it`, `it` and `loss_val_best`.
@@ -20,11 +20,12 @@ pub use pretrained::load_pretrained;
 
 use crate::decoder::DecoderConfig;
 use crate::encoder::EncoderConfig;
+use crate::error::RecordError;
 use crate::image_model::ImageModelConfig;
-use crate::record::{NetworkConfig, RecordError};
+use crate::record::NetworkConfig;
 use crate::tensors::fill;
 
-/// What a PyTorch file of the original holds.
+/// What a PyTorch file of the reference code holds.
 #[derive(Clone, Debug)]
 pub struct PytorchCheckpoint {
     /// The network.
@@ -41,7 +42,7 @@ pub struct PytorchCheckpoint {
     pub notes: Vec<String>,
 }
 
-/// The networks that the original trains.
+/// The networks that the reference code trains.
 #[derive(Clone, Debug)]
 pub enum ImportedNetwork {
     /// A decoder without an encoder: one scene, or objects whose codes are kept elsewhere.
@@ -61,11 +62,11 @@ pub struct Imported<C: NetworkConfig> {
     pub adam: Option<AdamMoments<C::Network>>,
 }
 
-/// Reads a checkpoint of the original, or a bare state dict of its model or its decoder. `leaky` says whether the
+/// Reads a checkpoint of the reference code, or a bare state dict of its model or its decoder. `leaky` says whether the
 /// decoder was trained with `leaky: true`, which its tensors do not tell.
 ///
 /// # Errors
-/// When the file is no PyTorch file or is cut short; when its tensors are not those of a model of the original, naming
+/// When the file is not a PyTorch file or is cut short; when its tensors are not those of a model of the reference code, naming
 /// the first one that is missing, has no place, or has the wrong shape.
 pub fn read_pytorch(path: &Path, leaky: bool, device: &Device) -> Result<PytorchCheckpoint, RecordError> {
     let root = Pickle::read(path)?;
@@ -73,12 +74,15 @@ pub fn read_pytorch(path: &Path, leaky: bool, device: &Device) -> Result<Pytorch
     let mut tensors = read_tensors(path, root.get("model").is_some().then_some("model"))?;
     let is_bare_decoder = tensors.contains_key("fc_p.weight");
     if !is_bare_decoder && !tensors.keys().any(|name| name.starts_with("decoder.")) {
-        return Err(RecordError::Shape(if tensors.keys().any(|name| name.starts_with("encoder.")) {
-            "the file holds an encoder and no decoder; it can start a training (--pretrained), but is no model".into()
+        return Err(if tensors.keys().any(|name| name.starts_with("encoder.")) {
+            RecordError::NoDecoder
         } else {
             let first = tensors.keys().min().map_or("nothing", String::as_str);
-            format!("there are no tensors decoder.* as in a model of the original; the first is {first:?}")
-        }));
+            RecordError::Architecture {
+                found: format!("there are no tensors decoder.*; the first is {first:?}"),
+                expected: "a model of DVR's reference code",
+            }
+        });
     }
     let has_encoder = tensors.keys().any(|name| name.starts_with("encoder."));
     if !is_bare_decoder && !has_encoder {
@@ -102,7 +106,7 @@ pub fn read_pytorch(path: &Path, leaky: bool, device: &Device) -> Result<Pytorch
     }
     let network = if has_encoder {
         let config = ImageModelConfig { encoder: encoder_config(&tensors, decoder.code_dim)?, decoder };
-        config.check().map_err(|e| RecordError::Shape(e.to_string()))?;
+        config.check()?;
         ImportedNetwork::ImageModel(Box::new(import(config, tensors, state, device, &mut notes)?))
     } else {
         ImportedNetwork::Decoder(Box::new(import(decoder, tensors, state, device, &mut notes)?))
@@ -143,7 +147,8 @@ fn import<C: NetworkConfig>(
 fn decoder_config(tensors: &Tensors, prefix: &str, leaky: bool) -> Result<DecoderConfig, RecordError> {
     let [hidden, inputs] = matrix(tensors, &format!("{prefix}fc_p.weight"))?;
     if inputs != 3 {
-        return Err(RecordError::Shape(format!("{prefix}fc_p takes {inputs} inputs, the original's takes 3")));
+        let name = format!("{prefix}fc_p.weight");
+        return Err(RecordError::Shape { name, found: vec![hidden, inputs], expected: format!("[{hidden}, 3]") });
     }
     let blocks = (0..).take_while(|i| tensors.contains_key(&format!("{prefix}blocks.{i}.fc_0.weight"))).count();
     for i in 0..blocks {
@@ -180,19 +185,25 @@ fn expect(tensors: &Tensors, name: &str, extents: [usize; 2]) -> Result<(), Reco
     if found == extents {
         return Ok(());
     }
-    Err(RecordError::Shape(format!("tensor {name:?} has the shape {found:?}, the others ask for {extents:?}")))
+    Err(RecordError::Shape { name: name.to_owned(), found: found.to_vec(), expected: format!("{extents:?}") })
 }
 
 /// Tells a ResNet-18 from its larger relatives, whose names are a superset of its own.
 fn check_is_resnet18(tensors: &Tensors, prefix: &str) -> Result<(), RecordError> {
     let has = |name: &str| tensors.contains_key(&format!("{prefix}{name}"));
     if has("layer1.0.conv3.weight") || has("layer1.2.conv1.weight") {
-        return Err(RecordError::Shape("the encoder is a larger ResNet; only ResNet-18 is supported".into()));
+        return Err(RecordError::Architecture {
+            found: "the encoder is a larger ResNet".into(),
+            expected: "ResNet-18",
+        });
     }
     if !has("layer1.0.conv1.weight") {
         let first = tensors.keys().filter(|name| name.starts_with("encoder.")).min().or(tensors.keys().min());
         let first = first.map_or("nothing", |name| name.as_str());
-        return Err(RecordError::Shape(format!("no encoder that is known here: the tensors begin with {first:?}")));
+        return Err(RecordError::Architecture {
+            found: format!("an encoder whose tensors begin with {first:?}"),
+            expected: "ResNet-18, five convolutions or a table of codes",
+        });
     }
     Ok(())
 }
@@ -200,7 +211,7 @@ fn check_is_resnet18(tensors: &Tensors, prefix: &str) -> Result<(), RecordError>
 /// Adds three outputs of zeros, raw colours, to tensors of a last layer that has only the occupancy's.
 fn add_texture(tensors: &mut Tensors, is_last: impl Fn(&str) -> bool) -> Result<(), RecordError> {
     for (_, tensor) in tensors.iter_mut().filter(|(name, _)| is_last(name)) {
-        let data = bridge::to_data(tensor).map_err(|e| RecordError::Container(e.to_string()))?;
+        let data = bridge::to_data(tensor).map_err(RecordError::damaged)?;
         let mut shape: Vec<usize> = tensor.shape.iter().copied().collect();
         let mut values: Vec<f32> = data.iter::<f32>().collect();
         values.resize(4 * values.len(), 0.0);
@@ -225,7 +236,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_checkpoint_is_refused() {
+    fn another_file_is_refused() {
         assert!(refusal(b"").contains("not a readable file of tensors"));
         assert!(refusal(b"solid cube\n").contains("not a readable file of tensors"));
         // An empty dictionary, as a plain pickle.

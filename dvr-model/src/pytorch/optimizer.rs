@@ -1,4 +1,4 @@
-//! Adam's state in the original's checkpoints.
+//! Adam's state in the checkpoints of DVR's reference code.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -9,7 +9,7 @@ use burn_store::pytorch_reader::PickleValue;
 use burn_store::{ModuleSnapshot, bridge};
 
 use super::file::{Pickle, Tensors, entry, read_tensors, renamed, whole};
-use crate::record::RecordError;
+use crate::error::RecordError;
 use crate::tensors::{collect, fill};
 
 /// The state of Adam: each moment as a network whose parameters are the moments of the parameters.
@@ -100,7 +100,7 @@ impl OptimizerState {
     }
 }
 
-/// Names of the parameters in the order in which the original's constructors make them, which is how its optimiser
+/// Names of the parameters in the order in which the reference code's constructors make them, which is how its optimiser
 /// counts.
 fn registration_order<M: Module + ModuleSnapshot>(network: &M) -> Result<Vec<String>, RecordError> {
     let mut names: Vec<String> = collect(network)?.into_iter().map(|tensor| tensor.name).collect();
@@ -119,7 +119,7 @@ mod tests {
     use crate::{DecoderConfig, EncoderConfig, ImageModelConfig};
 
     #[test]
-    fn the_optimiser_counts_parameters_as_the_originals_constructors_make_them() {
+    fn the_optimiser_counts_parameters_as_the_reference_code_s_constructors_make_them() {
         let decoder = DecoderConfig::new().with_code_dim(2).with_hidden(4).with_blocks(1);
         let encoder = EncoderConfig::Convolutional { image_size: 64, width: 1 };
         let model = ImageModelConfig { encoder, decoder }.init(&Device::flex());

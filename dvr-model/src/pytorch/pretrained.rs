@@ -7,11 +7,11 @@ use burn::tensor::Device;
 use super::check_is_resnet18;
 use super::file::{Pickle, Tensors, read_tensors, renamed};
 use crate::encoder::{Encoder, Resnet18};
-use crate::record::RecordError;
+use crate::error::RecordError;
 use crate::tensors::fill;
 
 /// An encoder with the features of a ResNet-18 from a file: torchvision's own (`conv1.weight`, `layer1.0.conv1.weight`,
-/// ..., whose classifier `fc` is left out), or an encoder or model of the original (`encoder.features.*`).
+/// ..., whose classifier `fc` is left out), or an encoder or model of the reference code (`encoder.features.*`).
 ///
 /// The last linear layer is taken along where its code has the same length.
 ///
@@ -19,9 +19,7 @@ use crate::tensors::fill;
 /// When the encoder is not a ResNet-18, or the file cannot be read or holds something else.
 pub fn load_pretrained(encoder: Encoder, path: &Path, device: &Device) -> Result<Encoder, RecordError> {
     let Encoder::Resnet18(Resnet18 { features, fc }) = encoder else {
-        return Err(RecordError::Shape(
-            "pretrained features are for a ResNet-18, and the encoder is another: --set encoder.kind=resnet18".into(),
-        ));
+        return Err(RecordError::EncoderWithoutFeatures);
     };
     let root = Pickle::read(path)?;
     let key = ["model", "state_dict"].into_iter().find(|key| root.get(key).is_some());
