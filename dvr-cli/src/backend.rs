@@ -58,7 +58,7 @@ impl Backend {
         match (method, self) {
             (Method::Grid(config), Self::Gpu(_) | Self::Cuda(_)) if config.steps > 0 => self.device(),
             (Method::Grid(config), _) if self != Self::Cpu => {
-                let name = if config.steps == 0 { "hull" } else { "fast" };
+                let name = if config.steps == 0 { "hull" } else { "grid" };
                 eprintln!("note: --method {name} is computed on the CPU, and --backend {self} changes nothing");
                 Ok(Device::flex())
             }
@@ -74,7 +74,7 @@ impl Backend {
     pub fn device_for(self, method: &Method) -> Result<Device> {
         if matches!(method, Method::Grid(_)) && self == Self::Ndarray {
             eprintln!(
-                "note: what --method fast and hull make is no tensors on the CPU, and --backend {self} changes nothing"
+                "note: what --method grid and hull make is no tensors on the CPU, and --backend {self} changes nothing"
             );
             return Ok(Device::flex());
         }

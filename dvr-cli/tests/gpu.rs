@@ -122,7 +122,7 @@ fn the_grid_method_trains_and_renders_on_a_gpu() {
         return;
     }
     let tiny = Tiny::new();
-    let (scene, out) = (tiny.scene(), tiny.path("fast"));
+    let (scene, out) = (tiny.scene(), tiny.path("grid"));
     let small = ["--steps", "12", "--capacity", "32", "--set", "rays=128", "--resolution", "32", "--no-report"];
     let mut train = vec!["train", text(&scene), "--out", text(&out), "--backend", "gpu"];
     train.extend(small);

@@ -116,7 +116,7 @@ fn broken_objects_are_left_out_named_once_and_counted() {
 fn three_dimensional_supervision_and_learned_codes_train_too() {
     let corpus = Corpus::new();
     let codes = "encoder={\"kind\":\"codes\"}";
-    let more = ["--supervision", "occupancy", "--set", codes, "--categories", "rings", "--also-on", "cpu"];
+    let more = ["--supervision", "occupancy", "--set", codes, "--categories", "rings", "--devices", "cpu,cpu"];
     let said = succeeds(&corpus.train("run", &more));
     assert!(said.contains("3 objects"), "{said}");
     let run = corpus.path("run");
@@ -129,7 +129,7 @@ fn three_dimensional_supervision_and_learned_codes_train_too() {
 fn what_makes_no_sense_is_refused_before_anything_is_written() {
     let corpus = Corpus::new();
     let data = corpus.data();
-    refuses(&corpus.train("x", &["--method", "fast"]), &["--method network"]);
+    refuses(&corpus.train("x", &["--method", "grid"]), &["--method network"]);
     refuses(&corpus.train("x", &["--categories", "cubes"]), &["`cubes`", "balls, rings"]);
     refuses(&corpus.train("x", &["--set", "views=0"]), &["views"]);
     refuses(&corpus.train("x", &["--downscale", "2"]), &["--downscale", "single scenes"]);

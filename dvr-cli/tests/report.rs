@@ -12,7 +12,7 @@ use support::{Tiny, dvr, refuses, succeeds, text};
 /// What no report may weigh.
 const MAX_BYTES: u64 = 10_000_000;
 
-/// Trains the fast method for a moment.
+/// Trains the grid method for a moment.
 fn train(tiny: &Tiny, run: &str, more: &[&str]) {
     let (scene, out) = (tiny.scene(), tiny.path(run));
     let mut args = vec!["train", text(&scene), "--out", text(&out), "--resolution", "32", "--steps", "40"];

@@ -25,7 +25,7 @@ impl Settings {
         let supervision = method.supervision();
         let presets = match method {
             Method::Grid(_) => {
-                vec![("fast", Method::Grid(GridConfig::new(supervision))), ("hull", Method::Grid(GridConfig::hull()))]
+                vec![("grid", Method::Grid(GridConfig::new(supervision))), ("hull", Method::Grid(GridConfig::hull()))]
             }
             Method::Network(_) => vec![
                 ("network", Method::Network(TrainConfig::new(supervision))),
@@ -81,7 +81,7 @@ mod tests {
     #[test]
     fn only_what_differs_from_the_nearest_preset_is_told() {
         let defaults = Settings::new(&Method::Grid(GridConfig::new(Supervision::RgbDepth))).unwrap();
-        assert_eq!((defaults.preset, defaults.changed.len()), ("fast", 0));
+        assert_eq!((defaults.preset, defaults.changed.len()), ("grid", 0));
         assert_eq!(Settings::new(&Method::Grid(GridConfig::hull())).unwrap().preset, "hull");
         assert_eq!(Settings::new(&Method::Network(TrainConfig::classic(Supervision::Rgb))).unwrap().preset, "classic");
         let mut config = GridConfig { seed: 7, capacity: Capacity::Cells(64), ..GridConfig::new(Supervision::Rgb) };

@@ -15,31 +15,30 @@ pub struct BenchArgs {
     /// Folders (or cameras files) of the scenes
     #[arg(required = true)]
     pub scenes: Vec<PathBuf>,
-    /// Folder for results.json, results.csv, table.md, report.html, charts/ and the runs; runs that are there already
-    /// are not repeated
+    /// Folder for results.json, results.csv, table.md, report.html, charts/ and the runs; finished runs are not repeated
     #[arg(long, short, value_name = "DIR")]
     pub out: PathBuf,
-    /// Methods to compare, as `dvr train --method` takes them; separate with commas
-    #[arg(long, value_enum, value_delimiter = ',', default_values_t = [MethodName::Hull, MethodName::Fast], value_name = "METHOD")]
+    /// Methods to compare, as in `dvr train --method`; comma-separated
+    #[arg(long, value_enum, value_delimiter = ',', default_values_t = [MethodName::Hull, MethodName::Grid], value_name = "METHOD")]
     pub methods: Vec<MethodName>,
-    /// A variant of `fast` (or of METHOD, with method=METHOD) with a name and other settings, e.g.
-    /// no-cross-view:losses.photo_consistency=0,losses.patch_ncc=0; may be given several times
+    /// A named variant of `grid` (or of METHOD, with method=METHOD) with other settings, e.g.
+    /// no-photo-consistency:losses.photo_consistency=0,losses.patch_ncc=0; repeatable
     #[arg(long, value_parser = parse_variant, value_name = "NAME:KEY=VALUE")]
     pub variant: Vec<Variant>,
-    /// What teaches the shape: rgb, depth, rgb+depth; separate with commas
+    /// What supervises the shape: rgb, depth, rgb+depth; comma-separated
     #[arg(long, value_delimiter = ',', default_value = "rgb", value_name = "WHAT")]
     pub supervision: Vec<Supervision>,
-    /// Seeds from 0 on
+    /// Number of seeds, counted from 0
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u64).range(1..=100), value_name = "N")]
     pub seeds: u64,
-    /// Stop each training after this time, e.g. 10m
+    /// Time limit of each training, e.g. 10m
     #[arg(long, value_parser = parse_duration, value_name = "TIME")]
     pub time: Option<Duration>,
-    /// Follow the shape while it is trained, for curves of Chamfer-L1 over time; what that takes is not counted
+    /// Measure Chamfer-L1 at each validation, for curves over time; the clocks stop meanwhile
     #[arg(long)]
     pub follow_shape: bool,
-    /// Results from elsewhere, to stand in the same table: a results.json, or a list of {scene, method, seconds,
-    /// chamfer_l1, ...}
+    /// Add results of other software to the tables: a results.json, or a list of {scene, method, seconds, chamfer_l1,
+    /// ...}
     #[arg(long, value_name = "FILE")]
     pub overlay: Vec<PathBuf>,
 }
@@ -51,10 +50,10 @@ impl BenchArgs {
     }
 }
 
-/// A method with some of its settings changed.
+/// A method with some settings changed.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Variant {
-    /// What it is called in tables.
+    /// Its name in tables.
     pub name: String,
     /// The method.
     pub method: String,

@@ -15,16 +15,16 @@ pub struct EvalArgs {
     /// Folder of a run, one of its checkpoints, or a mesh file in the scene's coordinates
     #[arg(required_unless_present_any = ["baseline", "merge"], conflicts_with_all = ["baseline", "merge"])]
     pub subject: Option<PathBuf>,
-    /// The scene with ground truth or held-out views, or the dataset [default: what the run was trained on]
+    /// Scene with ground truth or held-out views, or dataset of objects [default: the run's own]
     #[arg(long, value_name = "PATH")]
     pub data: Option<PathBuf>,
-    /// Write the figures of a scene to this file as JSON
+    /// Also write the figures of a scene to this file, as JSON
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
-    /// Seed of the surface samples, and of which picture an object is given by
+    /// Seed of the surface samples and of the choice of each object's input picture
     #[arg(long, default_value_t = 0, value_name = "N")]
     pub seed: u64,
-    /// Samples across the object's cube when views are rendered
+    /// Samples across the object cube when views are rendered
     #[arg(long, default_value_t = 128, value_parser = clap::value_parser!(u32).range(2..=8192), value_name = "N")]
     pub samples: u32,
     /// Skip rendering the held-out views
@@ -40,29 +40,29 @@ pub struct EvalArgs {
     pub reading: SceneArgs,
 }
 
-/// How a model is measured on a dataset of many objects.
+/// How a model is evaluated on a dataset of objects.
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Datasets of objects")]
 pub struct EvalObjectsArgs {
-    /// The objects to measure: train, val or test [default: test]
+    /// Split to evaluate [default: test]
     #[arg(long, value_enum, value_name = "SPLIT")]
     pub split: Option<SplitArg>,
-    /// Folder for objects.jsonl and the tables summary.{json,csv,md}; objects that are in it already are not measured
-    /// again [default: eval_SPLIT in the run]
+    /// Folder for objects.jsonl and the tables summary.{json,csv,md}; objects in objects.jsonl are not measured again
+    /// [default: eval_SPLIT in the run]
     #[arg(long, short, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// One part of the objects, for a cluster's job array: 3/16 is the third of sixteen
+    /// Evaluate one part of the objects, for a cluster's job array: 3/16 is the third of sixteen parts
     #[arg(long, value_parser = parse_shard, value_name = "I/N")]
     pub shard: Option<Shard>,
-    /// Also compare renders of each mesh with so many views of the object
+    /// Also compare renders of each mesh with this many views of the object
     #[arg(long, default_value_t = 0, value_name = "N")]
     pub object_views: usize,
-    /// Measure a baseline instead of a run
+    /// Evaluate a baseline instead of a run
     #[arg(long, value_enum, requires = "data", requires = "out")]
     pub baseline: Option<Baseline>,
     #[command(flatten)]
     pub reading: ObjectsArgs,
-    /// Join results (objects*.jsonl): shards become one table, several subjects stand side by side
+    /// Merge results (objects*.jsonl): the parts of one run become one table, several runs one row each
     #[arg(long, num_args = 1.., value_name = "FILE", requires = "out", conflicts_with_all = ["baseline", "data"])]
     pub merge: Vec<PathBuf>,
 }
@@ -72,14 +72,14 @@ pub struct EvalObjectsArgs {
 pub enum SplitArg {
     /// Objects that were trained on
     Train,
-    /// Objects that chose the best step
+    /// Objects that the best checkpoint was chosen by
     Val,
-    /// Objects that training never saw
+    /// Objects that training never uses
     Test,
 }
 
 impl SplitArg {
-    /// As the library has it.
+    /// The library's split.
     pub fn split(self) -> Split {
         match self {
             Self::Train => Split::Train,
@@ -89,10 +89,10 @@ impl SplitArg {
     }
 }
 
-/// What a model must beat.
+/// Baselines for models of many objects.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Baseline {
-    /// The mean training shape of the object's category, whatever the picture shows
+    /// The mean training shape of the object's category, independent of the picture
     MeanShape,
     /// The training object with the most similar picture
     NearestPicture,

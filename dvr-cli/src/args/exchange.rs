@@ -19,29 +19,29 @@ pub struct ExportArgs {
 /// Arguments of `dvr import`.
 #[derive(Args, Debug)]
 #[command(
-    after_help = "The run can then be given to mesh, render, eval, predict, export and train --resume: a network of one \
-scene to mesh at once; a network with an encoder to predict; learned codes to mesh --object N. With --data, meshes come \
-out in the scene's own coordinates, and training can go on."
+    after_help = "The imported run works with mesh, render, eval, predict, export and train --resume: use mesh for a network of \
+one scene, predict for a network with an encoder, mesh --object N for learned codes. With --data, meshes are in the scene's \
+coordinates and training can be resumed."
 )]
 pub struct ImportArgs {
-    /// Checkpoint of the original (zip or legacy), with or without its optimiser
+    /// Checkpoint of DVR's reference code (.pt, zip or legacy format), with or without its optimiser
     pub file: PathBuf,
-    /// Folder of the run to make
+    /// Folder of the new run
     #[arg(long, short, value_name = "DIR")]
     pub out: PathBuf,
     /// Replace the run in --out
     #[arg(long)]
     pub overwrite: bool,
-    /// The original's configuration of the checkpoint; what it inherits is found beside it
+    /// The checkpoint's YAML configuration; configurations that it inherits from are looked up beside it
     #[arg(long, value_name = "FILE")]
     pub yaml: Option<PathBuf>,
-    /// The scene or dataset that it was trained on
+    /// Scene or dataset that it was trained on
     #[arg(long, value_name = "SCENE")]
     pub data: Option<PathBuf>,
-    /// Latent codes of the objects, for a decoder without an encoder: NPZ with an array `codes`, a row an object
+    /// Latent codes of the objects, for a decoder without an encoder: NPZ with an array `codes`, one row per object
     #[arg(long, value_name = "FILE")]
     pub codes: Option<PathBuf>,
-    /// The decoder was trained with `leaky: true`, which its tensors do not tell
+    /// The decoder was trained with `leaky: true` (the checkpoint does not record it)
     #[arg(long)]
     pub leaky: bool,
     #[command(flatten)]

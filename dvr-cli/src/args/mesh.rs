@@ -7,21 +7,21 @@ use clap::{Args, ValueEnum};
 use super::values::parse_share;
 use super::{BackendArg, MemoryArg};
 
-/// Where a mesh has its colours from.
+/// Where the colours of a mesh come from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Colors {
     /// The photographs that see the vertex: sharp
     Photos,
-    /// The texture field: smooth, without traces of single pictures
+    /// The colour field: smooth, without seams between photographs
     Field,
 }
 
-/// How the surface is made triangles.
+/// How the surface is triangulated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum ContourName {
-    /// Marching cubes: smooth, corners and creases are cut off by up to a cell
+    /// Marching cubes: cuts corners and creases off by up to one cell
     MarchingCubes,
-    /// Dual contouring: keeps corners and creases of the field; may intersect itself at thin or noisy parts
+    /// Dual contouring: keeps corners and creases; may intersect itself at thin or noisy parts
     Dual,
 }
 
@@ -29,16 +29,16 @@ pub enum ContourName {
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Mesh")]
 pub struct SurfaceArgs {
-    /// Grid cells along an edge of the object's cube [default: 256; 128 for objects of a dataset]
+    /// Cells per edge of the object cube [default: 256; 128 for objects of a dataset]
     #[arg(long, value_parser = clap::value_parser!(u32).range(8..=2048), value_name = "N")]
     pub resolution: Option<u32>,
-    /// How the surface is made triangles; the mesh is watertight either way
+    /// How the surface is triangulated; the mesh is watertight either way
     #[arg(long, value_enum, default_value_t = ContourName::MarchingCubes)]
     pub contour: ContourName,
-    /// Drop pieces smaller than this share of the largest piece's area; 0 keeps everything
+    /// Drop connected components with less than this share of the largest one's area; 0 keeps all
     #[arg(long, default_value_t = 0.01, value_name = "SHARE")]
-    pub min_piece: f64,
-    /// Save triangles where that moves the surface by no more than this share of the object's cube, e.g. 0.0005
+    pub min_component: f64,
+    /// Simplify the mesh; the surface moves by at most this share of the object cube's edge, e.g. 0.0005
     #[arg(long, default_value_t = 0.0, value_parser = parse_share, value_name = "SHARE")]
     pub simplify: f32,
 }
@@ -59,16 +59,16 @@ pub struct MeshingArgs {
 pub struct MeshArgs {
     /// Folder of a run, or one of its checkpoints
     pub run: PathBuf,
-    /// File to write: .ply, .obj or .glb by its ending [default: mesh.ply and mesh.glb in the run]
+    /// Output file, .ply, .obj or .glb [default: mesh.ply and mesh.glb in the run]
     #[arg(long, short, value_name = "FILE")]
     pub out: Option<PathBuf>,
-    /// For runs that know objects by learned codes: which one, counted from 0
+    /// Which object, counted from 0, for runs with one learned code per object
     #[arg(long, value_name = "N")]
     pub object: Option<usize>,
-    /// Leave the mesh in object space (the unit cube) instead of the scene's own coordinates
+    /// Write the mesh in object space (the unit cube) instead of scene coordinates
     #[arg(long)]
     pub object_space: bool,
-    /// Where the scene lies now, if it was moved since training
+    /// The run's scene, if it was moved since training
     #[arg(long, value_name = "SCENE")]
     pub data: Option<PathBuf>,
     #[command(flatten)]

@@ -29,50 +29,50 @@ pub use stress::StressArgs;
 pub use synth::SynthArgs;
 pub use train::{CapacityArg, MethodName, ObjectsArgs, TrainArgs};
 
-/// Posed photos in, a trustworthy textured mesh out.
+/// Textured meshes from posed photographs, by differentiable volumetric rendering.
 #[derive(Debug, Parser)]
 #[command(name = "dvr", version, about, long_about = LONG_ABOUT)]
 pub struct Cli {
-    /// What to do.
+    /// The command.
     #[command(subcommand)]
     pub command: Command,
 }
 
-const LONG_ABOUT: &str = "Posed photos in, a trustworthy textured mesh out.
+const LONG_ABOUT: &str = "Textured meshes from posed photographs, by differentiable volumetric rendering.
 
-dvr reconstructs one object from photographs with known cameras and masks, by differentiable volumetric rendering: a \
-neural occupancy and texture field whose surface depth has an exact, analytic gradient. Look at a scene with `dvr info` \
-first, then `dvr train SCENE --out RUN` does the whole job: training, mesh (PLY and GLB), preview sheet and figures.";
+dvr reconstructs an object from photographs with known cameras and masks. It trains an occupancy and colour field whose \
+rendered depth has an exact, analytic gradient, and extracts a mesh. Check a scene with `dvr info SCENE`; `dvr train SCENE \
+--out RUN` then trains, and writes the mesh (PLY and GLB), a preview sheet, metrics and a report.";
 
 /// The commands.
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// Show what was found in a scene: views, cameras, masks, bounds, and what may go wrong
+    /// Show a scene: views, cameras, masks, bounds, warnings
     Info(InfoArgs),
-    /// Reconstruct a scene: trains, then writes mesh, preview sheet and figures
+    /// Reconstruct a scene: train, then write mesh, preview sheet, metrics and report
     Train(TrainArgs),
-    /// Extract the mesh of a run again, at another resolution or in another format
+    /// Extract a run's mesh, at any resolution and in any format
     Mesh(MeshArgs),
-    /// Render a run: the dataset's views, or an orbit as images and a turntable animation
+    /// Render a run: the dataset's views, or an orbit with a turntable animation
     Render(RenderArgs),
-    /// Measure a run or a mesh: shape against ground truth, pictures against held-out views
+    /// Evaluate a run or a mesh: shape against ground truth, renders against held-out views
     Eval(EvalArgs),
-    /// Tell of one run, or of several side by side, on a page for a browser: the mesh in 3D, held-out views, curves,
+    /// Write a report of one run, or of several side by side, as an HTML page: mesh in 3D, held-out views, curves,
     /// settings
     Report(ReportArgs),
-    /// Compare methods, or variants of one, on scenes: quality, time, memory and bytes with their spread over seeds
+    /// Compare methods, or variants of one: quality, time, memory and size, with their range over seeds
     Bench(BenchArgs),
-    /// Find out where methods fail: one difficulty at a time, in shape, texture, views, masks, cameras and pictures
+    /// Test where methods fail: one difficulty at a time in shape, texture, views, masks, cameras or pictures
     Stress(StressArgs),
     /// Render meshes into a ShapeNet-style dataset with images, masks, depth, cameras and ground truth
     Synth(SynthArgs),
-    /// Write the network of a run as safetensors, with PyTorch names and layout
+    /// Write a run's network as safetensors, with PyTorch names and layout
     Export(ExportArgs),
-    /// Make a run of a checkpoint of the original PyTorch code (.pt)
+    /// Convert a checkpoint of DVR's reference code (PyTorch, .pt) to a run
     Import(ImportArgs),
-    /// Make a mesh of the object in a single picture, with a run that has learned many objects
+    /// Reconstruct objects from single pictures, with a run trained on a dataset of objects
     Predict(PredictArgs),
-    /// List the processors that --backend can choose
+    /// List the devices for --backend and --devices
     Devices,
 }
 
@@ -83,11 +83,11 @@ pub struct BackendArg {
     pub backend: Backend,
 }
 
-/// How much memory commands may take that look at what was trained.
+/// Memory limit of commands that read a trained run.
 #[derive(Args, Clone, Copy, Debug)]
 pub struct MemoryArg {
-    /// With --backend gpu, the most that tensors may take on the graphics processor, e.g. 500M or 2G: work is cut to fit.
-    /// Decoded photographs above it are kept in a scratch file, as by `dvr train` [default: no limit]
+    /// Memory limit, e.g. 500M or 2G. Decoded photographs beyond it are paged from a scratch file. With --backend gpu it
+    /// also limits the GPU memory of tensors: work is split to fit [default: no limit]
     #[arg(long, value_parser = values::parse_memory, value_name = "BYTES")]
     pub memory: Option<u64>,
 }

@@ -10,9 +10,9 @@ use super::{BackendArg, MemoryArg, SurfaceArgs};
 /// Arguments of `dvr predict`.
 #[derive(Args, Debug)]
 #[command(
-    after_help = "Every picture becomes NAME.glb and NAME.ply (coloured, in object space) and NAME.png, a preview: what the \
-encoder saw, the mesh from two sides, its normals. Pictures should look like those of the training: one object on white, \
-filling the frame alike. An alpha channel is used where there is one."
+    after_help = "Each picture NAME gives NAME.glb and NAME.ply (coloured, in object space) and NAME.png, a preview: the encoder's \
+input, the mesh from two sides, its normals. Pictures should look like the training pictures: one object on white that \
+fills as much of the frame. An alpha channel is used as mask."
 )]
 pub struct PredictArgs {
     /// Folder of a run on a dataset of objects, or one of its checkpoints
@@ -23,16 +23,16 @@ pub struct PredictArgs {
     /// Folder for the meshes and previews
     #[arg(long, short, value_name = "DIR")]
     pub out: PathBuf,
-    /// Make again what is there already; without it, an interrupted call goes on where it stopped
+    /// Replace existing results; otherwise pictures that have results are skipped, which resumes an interrupted call
     #[arg(long)]
     pub overwrite: bool,
-    /// Folder of masks with the pictures' names, white on the object
+    /// Folder of masks with the pictures' names; the object is white
     #[arg(long, value_name = "DIR", help_heading = "Finding the object", conflicts_with = "background")]
     pub masks: Option<PathBuf>,
-    /// Take as object what differs from a plain background: white, black, or border (the picture's own edge colour)
+    /// Plain background, whose pixels are not object: white, black, or border (the colour of the picture's border)
     #[arg(long, value_name = "COLOR", help_heading = "Finding the object")]
     pub background: Option<BackgroundColor>,
-    /// How much a pixel must differ from the plain background, of 255
+    /// How far a pixel's colour must be from the plain background, 0 to 255
     #[arg(
         long,
         default_value_t = 12,
@@ -41,7 +41,7 @@ pub struct PredictArgs {
         help_heading = "Finding the object"
     )]
     pub background_threshold: u8,
-    /// Cut a square around the object, a tenth of its size wider on each side; needs alpha, --masks or --background
+    /// Crop to a square around the object with a margin of a tenth; needs an alpha channel, --masks or --background
     #[arg(long, help_heading = "Finding the object")]
     pub crop: bool,
     #[command(flatten)]

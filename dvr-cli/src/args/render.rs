@@ -9,7 +9,7 @@ use super::{BackendArg, MemoryArg};
 /// Which cameras `dvr render` takes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Cameras {
-    /// A turn around the object
+    /// A full turn around the object
     Orbit,
     /// The views of the scene that the run was trained on
     Dataset,
@@ -23,37 +23,37 @@ pub struct RenderArgs {
     /// Folder for the images
     #[arg(long, short, value_name = "DIR")]
     pub out: PathBuf,
-    /// For runs that know objects by learned codes: which one, counted from 0
+    /// Which object, counted from 0, for runs with one learned code per object
     #[arg(long, value_name = "N")]
     pub object: Option<usize>,
-    /// Which cameras
+    /// Cameras to render
     #[arg(long, value_enum, default_value_t = Cameras::Orbit)]
     pub cameras: Cameras,
-    /// Frames of the orbit
+    /// Number of frames of the orbit
     #[arg(long, default_value_t = 36, value_parser = clap::value_parser!(u32).range(1..=3600), value_name = "N")]
     pub frames: u32,
     /// Width and height of the orbit's frames, pixels
     #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(8..=8192), value_name = "PIXELS")]
     pub size: u32,
-    /// Height of the orbit's camera above the object's middle, degrees
+    /// Elevation of the orbit's cameras, degrees
     #[arg(long, default_value_t = 20.0, allow_negative_numbers = true, value_name = "DEGREES")]
     pub elevation: f64,
-    /// Axis the orbit turns around, in object space [default: the mean up direction of the scene's cameras]
+    /// Axis of the orbit in object space [default: mean up direction of the scene's cameras]
     #[arg(long, value_enum)]
     pub up: Option<UpAxis>,
     /// Animation of the orbit
     #[arg(long, value_enum, default_value_t = Animation::Gif)]
     pub animation: Animation,
-    /// Also write colour and z-depth as EXR (depth in the scene's units)
+    /// Also write colour and z-depth as EXR (depth in scene units)
     #[arg(long)]
     pub exr: bool,
     /// Also write normals as PNG
     #[arg(long)]
     pub normals: bool,
-    /// Samples across the object's cube
+    /// Samples across the object cube
     #[arg(long, default_value_t = 128, value_parser = clap::value_parser!(u32).range(2..=8192), value_name = "N")]
     pub samples: u32,
-    /// Where the scene lies now, if it was moved since training
+    /// The run's scene, if it was moved since training
     #[arg(long, value_name = "SCENE")]
     pub data: Option<PathBuf>,
     #[command(flatten)]
@@ -62,7 +62,7 @@ pub struct RenderArgs {
     pub memory: MemoryArg,
 }
 
-/// An axis to turn around.
+/// Axis of the orbit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum UpAxis {
     /// +x

@@ -11,57 +11,55 @@ use super::values::parse_memory;
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Reading the scene")]
 pub struct SceneArgs {
-    /// Layout of the files: dvr, transforms (NeRF, nerfstudio), idr (IDR, NeuS), middlebury or colmap [default: found
-    /// by looking]
+    /// Layout of the files: dvr, transforms (NeRF, nerfstudio), idr (IDR, NeuS), middlebury or colmap [default:
+    /// detected]
     #[arg(long)]
     pub format: Option<Format>,
-    /// Average this many by this many pixels into one
+    /// Average NxN pixels into one
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=64), value_name = "N")]
     pub downscale: u32,
-    /// Take as mask what differs from a plain background: white, black, or border (each picture's own edge colour)
+    /// Plain background, from which masks are made: white, black, or border (the colour of each picture's border)
     #[arg(long, value_name = "COLOR")]
     pub background: Option<BackgroundColor>,
-    /// How much a pixel must differ from the plain background, of 255
+    /// How far a pixel's colour must be from the plain background, 0 to 255
     #[arg(long, default_value_t = 12, requires = "background", value_name = "LEVEL")]
     pub background_threshold: u8,
-    /// Train on masks as they are. Without, mask files are refined for training where the photograph's colours show that
-    /// they leave out parts of the object, or have a rim of background; figures always use masks as they are
+    /// Train on masks as they are. By default mask files are refined for training where the photograph's colours show that
+    /// parts of the object are missing or that a rim of background is included; metrics always use the masks as given
     #[arg(long)]
     pub no_mask_refinement: bool,
     /// Use at most this many training views, spread evenly
     #[arg(long, value_name = "N")]
     pub views: Option<usize>,
-    /// Leave out views, by name or by number from 0; separate with commas
+    /// Leave out views, by name or by number from 0; comma-separated
     #[arg(long, value_delimiter = ',', value_name = "VIEW")]
     pub ignore: Vec<String>,
-    /// Who says where the object is: auto, files (trust scale_mat) or hull (from the masks)
+    /// How the object is centred and scaled to the unit cube
     #[arg(long, value_enum, default_value_t = NormaliseArg::Auto, value_name = "HOW")]
     pub normalise: NormaliseArg,
-    /// DVR layout: take depth from visual_hull_depth/
+    /// DVR layout: read depth maps from visual_hull_depth/
     #[arg(long)]
     pub visual_hull_depth: bool,
-    /// Decoded photographs above this, e.g. 500M or 2G, are kept in a scratch file instead of memory; the system pages
-    /// them in as they are read. The file lies in the temporary folder (set TMPDIR to a folder on a disk with room: 4
-    /// bytes a pixel) and goes away by itself; results are the same. With --backend gpu, also the most that tensors may
-    /// take on the graphics processor: work is cut to fit, and training whose step cannot fit is refused [default: all
-    /// in memory]
+    /// Memory limit, e.g. 500M or 2G. Decoded photographs beyond it are paged from a scratch file in the temporary folder
+    /// (TMPDIR; 4 bytes per pixel), which is removed at the end; results are the same. With --backend gpu it also limits
+    /// the GPU memory of tensors: work is split to fit, and training whose step cannot fit is refused [default: no limit]
     #[arg(long, value_parser = parse_memory, value_name = "BYTES")]
     pub memory: Option<u64>,
 }
 
-/// Who says where the object is.
+/// How the object is centred and scaled to the unit cube.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub enum NormaliseArg {
-    /// The files where they promise the unit cube, else the masks
+    /// By the files where they have a normalisation, else by the masks
     Auto,
-    /// The files
+    /// By the files (scale_mat)
     Files,
-    /// The masks
+    /// By the visual hull of the masks
     Hull,
 }
 
 impl SceneArgs {
-    /// As the library takes it.
+    /// The library's options.
     pub fn read_options(&self) -> ReadOptions {
         ReadOptions {
             format: self.format,
@@ -87,7 +85,7 @@ pub struct InfoArgs {
     pub scene: PathBuf,
     #[command(flatten)]
     pub reading: SceneArgs,
-    /// Print as JSON
+    /// Print JSON
     #[arg(long)]
     pub json: bool,
 }

@@ -10,48 +10,47 @@ use super::{MethodName, Variant};
 /// Arguments of `dvr stress`.
 #[derive(Args, Debug)]
 pub struct StressArgs {
-    /// Folder for results.json, results.csv, table.md, the scenes and the cells; cells that are there already are not
-    /// repeated
+    /// Folder for results.json, results.csv, table.md, charts/, report.html, the scenes and the cells; finished cells are
+    /// not repeated
     #[arg(long, short, value_name = "DIR", required_unless_present = "list")]
     pub out: Option<PathBuf>,
-    /// Only these axes, by name or by group (see --list); separate with commas
+    /// Only these axes, by name or by group (see --list); comma-separated
     #[arg(long, value_delimiter = ',', value_name = "NAME")]
     pub axis: Vec<String>,
-    /// Methods to try, as `dvr train --method` takes them; separate with commas [default: hull, fast; with --full all
-    /// four]
+    /// Methods to test, as in `dvr train --method`; comma-separated [default: hull, grid; with --full all four]
     #[arg(long, value_enum, value_delimiter = ',', value_name = "METHOD")]
     pub methods: Vec<MethodName>,
-    /// A variant of `fast` (or of METHOD, with method=METHOD) with a name and other settings, e.g.
-    /// refined:refine_cameras=10; may be given several times
+    /// A named variant of `grid` (or of METHOD, with method=METHOD) with other settings, e.g. refined:refine_cameras=10;
+    /// repeatable
     #[arg(long, value_parser = parse_variant, value_name = "NAME:KEY=VALUE")]
     pub variant: Vec<Variant>,
-    /// Try other methods and variants, but the hull, only where this one first fails: does another hold longer?
+    /// Test all other methods and variants (except the hull) only at the difficulty where this one first fails
     #[arg(long, value_name = "NAME")]
     pub against: Option<String>,
-    /// Seeds from 0 on, of scenes, faults and training [default: 1; with --full 3]
+    /// Number of seeds, counted from 0, of scenes, faults and training [default: 1; with --full 3]
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..=100), value_name = "N")]
     pub seeds: Option<u64>,
-    /// All difficulties, all methods, three seeds: days. The quick set takes minutes
+    /// All difficulties, all methods, three seeds: takes days. The default set takes minutes
     #[arg(long)]
     pub full: bool,
-    /// List the axes with their difficulties and stop
+    /// List the axes with their difficulties and exit
     #[arg(long)]
     pub list: bool,
 }
 
 impl StressArgs {
-    /// What is tried: methods, then variants.
+    /// What is tested: methods, then variants.
     pub fn variants(&self) -> Vec<Variant> {
-        use MethodName::{Classic, Fast, Hull, Network};
+        use MethodName::{Classic, Grid, Hull, Network};
         let methods = match (self.methods.is_empty(), self.full) {
-            (true, true) => &[Hull, Fast, Network, Classic][..],
-            (true, false) => &[Hull, Fast],
+            (true, true) => &[Hull, Grid, Network, Classic][..],
+            (true, false) => &[Hull, Grid],
             (false, _) => &self.methods,
         };
         Variant::all(methods, &self.variant)
     }
 
-    /// Seeds from 0 on.
+    /// Number of seeds, counted from 0.
     pub fn seeds(&self) -> u64 {
         self.seeds.unwrap_or(if self.full { 3 } else { 1 })
     }

@@ -9,19 +9,19 @@ use super::values::parse_size;
 /// Arguments of `dvr synth`.
 #[derive(Args, Debug)]
 pub struct SynthArgs {
-    /// Meshes (OBJ, PLY, OFF, GLB, glTF), or folders of them: a folder's name becomes the category
+    /// Meshes (OBJ, PLY, OFF, GLB, glTF), or folders of meshes; the folder's name becomes the category
     #[arg(required_unless_present = "print_config")]
     pub meshes: Vec<PathBuf>,
     /// Folder of the dataset
     #[arg(long, short, value_name = "DIR", required_unless_present = "print_config")]
     pub out: Option<PathBuf>,
-    /// Views of each object
+    /// Views per object
     #[arg(long, default_value_t = 24, value_parser = clap::value_parser!(u32).range(1..=10_000), value_name = "N")]
     pub views: u32,
     /// Width and height in pixels, e.g. 64 or 320x240
     #[arg(long, default_value = "64", value_parser = parse_size, value_name = "SIZE")]
     pub size: (u32, u32),
-    /// Category of meshes that are given as files [default: the folder's name]
+    /// Category of meshes given as files [default: the folder's name]
     #[arg(long, value_name = "NAME")]
     pub category: Option<String>,
     /// Seed of cameras, samples and noise
@@ -30,7 +30,7 @@ pub struct SynthArgs {
     /// JSON file with further settings (see --print-config)
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// Print all settings as JSON and stop
+    /// Print all settings as JSON and exit
     #[arg(long)]
     pub print_config: bool,
 }

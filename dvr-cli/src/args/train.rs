@@ -14,62 +14,60 @@ use crate::backend::Backend;
 /// Arguments of `dvr train`.
 #[derive(Args, Debug)]
 pub struct TrainArgs {
-    /// Folder (or cameras file) of a scene, which is reconstructed; or folder of a dataset of many objects, from which
-    /// a model learns to make shapes of single pictures. Not needed with --resume
+    /// Folder or cameras file of a scene to reconstruct; or folder of a dataset of objects, to train single-image
+    /// reconstruction. Not needed with --resume
     #[arg(required_unless_present_any = ["resume", "print_config"])]
     pub scene: Option<PathBuf>,
-    /// Folder for checkpoints, mesh, preview and figures
+    /// Folder of the run: checkpoints, mesh, preview sheet, metrics, report
     #[arg(long, short, value_name = "DIR", required_unless_present = "print_config")]
     pub out: Option<PathBuf>,
-    /// Continue the run in --out from its last checkpoint
+    /// Resume the run in --out from its last checkpoint
     #[arg(long, conflicts_with_all = ["overwrite", "config", "set", "supervision", "steps", "seed", "method", "refine_cameras", "capacity", "max_bytes", "categories", "inputs", "pretrained"])]
     pub resume: bool,
     /// Replace the run in --out
     #[arg(long)]
     pub overwrite: bool,
-    /// What teaches the shape: rgb, depth or rgb+depth; for datasets also occupancy (3D, from points.npz) [default:
-    /// rgb]
+    /// What supervises the shape: rgb, depth or rgb+depth; for datasets of objects also occupancy (3D, from points.npz)
+    /// [default: rgb]
     #[arg(long, value_name = "WHAT", help_heading = "Training")]
     pub supervision: Option<Supervision>,
-    /// How to reconstruct [default: fast; for datasets: network]
+    /// Reconstruction method [default: grid; for datasets of objects: network]
     #[arg(long, visible_alias = "preset", value_enum, help_heading = "Training")]
     pub method: Option<MethodName>,
-    /// How fine the field of `fast` may become: auto, or cells along an edge (a power of two, 32 to 512) [default:
-    /// auto]
+    /// Finest grid of the method `grid`: auto (decided on held-out views), or cells per edge, a power of two from 32 to
+    /// 512 [default: auto]
     #[arg(long, value_parser = parse_capacity, value_name = "CELLS", help_heading = "Training")]
     pub capacity: Option<CapacityArg>,
-    /// The stored field of `fast` may not take more than this, e.g. 32k or 1M
+    /// Largest size of the stored field of the method `grid`, e.g. 32k or 1M
     #[arg(long, value_parser = parse_bytes, value_name = "BYTES", help_heading = "Training")]
     pub max_bytes: Option<usize>,
-    /// Cameras may be slightly wrong (a degree, some per cent): move them to where they fit together before training,
-    /// in at most so many rounds of one or two seconds. The refined cameras are used from then on, and written to
-    /// cameras.json
+    /// Refine cameras that are slightly off (a degree, some per cent) before training, in at most ROUNDS rounds of one or
+    /// two seconds each. Refined cameras are written to cameras.json
     #[arg(long, value_name = "ROUNDS", num_args = 0..=1, default_missing_value = "10", help_heading = "Training")]
     pub refine_cameras: Option<usize>,
-    /// Optimiser steps; with `fast`, of each stage [default: see --print-config]
+    /// Optimiser steps; with the method `grid`, per stage [default: see --print-config]
     #[arg(long, value_name = "N", help_heading = "Training")]
     pub steps: Option<usize>,
-    /// Stop training after this time, e.g. 90s, 10m, 2h
+    /// Time limit of training, e.g. 90s, 10m, 2h
     #[arg(long, value_parser = parse_duration, value_name = "TIME", help_heading = "Training")]
     pub time: Option<Duration>,
     /// Seed of all random choices [default: 0]
     #[arg(long, value_name = "N", help_heading = "Training")]
     pub seed: Option<u64>,
-    /// JSON file with configuration values that replace the defaults, or a YAML configuration of the original PyTorch
-    /// code
+    /// JSON file with configuration values that replace the defaults, or a YAML configuration of DVR's reference code
     #[arg(long, value_name = "FILE", help_heading = "Training")]
     pub config: Option<PathBuf>,
-    /// One configuration value, e.g. --set losses.smoothness=1; may be given several times
+    /// Set a configuration value, e.g. --set losses.smoothness=1; repeatable
     #[arg(long, value_name = "KEY=VALUE", help_heading = "Training")]
     pub set: Vec<String>,
-    /// Print the configuration as JSON and stop
+    /// Print the configuration as JSON and exit
     #[arg(long, help_heading = "Training")]
     pub print_config: bool,
-    /// Compare the shape with the truth, where the scene has it, at each validation: the column chamfer_l1 of
-    /// metrics.csv. The clock stands still meanwhile
+    /// Measure Chamfer-L1 against the scene's ground truth at each validation (column chamfer_l1 of metrics.csv). The clock
+    /// stops meanwhile
     #[arg(long, help_heading = "Training")]
     pub follow_shape: bool,
-    /// Write no report.html
+    /// Do not write report.html
     #[arg(long)]
     pub no_report: bool,
     #[command(flatten)]
@@ -78,10 +76,10 @@ pub struct TrainArgs {
     pub meshing: MeshingArgs,
     #[command(flatten)]
     pub backend: BackendArg,
-    /// Share each step of a network with these too, e.g. --backend gpu:0 --also-on gpu:1,gpu:2. Each takes as many rays,
-    /// or of a dataset as many objects
-    #[arg(long, value_name = "BACKEND", value_delimiter = ',')]
-    pub also_on: Vec<Backend>,
+    /// Train a network data parallel on several devices, instead of --backend, e.g. gpu:0,gpu:1. Each step's rays, or
+    /// objects of a dataset, are split evenly
+    #[arg(long, value_name = "BACKEND", value_delimiter = ',', conflicts_with = "backend")]
+    pub devices: Vec<Backend>,
     #[command(flatten)]
     pub reading: SceneArgs,
 }
@@ -90,20 +88,32 @@ pub struct TrainArgs {
 #[derive(Args, Clone, Debug, Default)]
 #[command(next_help_heading = "Datasets of objects")]
 pub struct ObjectsArgs {
-    /// Only these categories, by folder or by name; separate with commas
+    /// Only these categories, by folder or by name; comma-separated
     #[arg(long, value_delimiter = ',', value_name = "CATEGORY")]
     pub categories: Vec<String>,
-    /// Dataset with the encoder's pictures, under the same category and object, e.g. the 3D-R2N2 renders [default: the
-    /// objects' own]
+    /// Dataset with the encoder's input pictures under the same categories and objects, e.g. the 3D-R2N2 renders [default:
+    /// the views themselves]
     #[arg(long, value_name = "DIR")]
     pub inputs: Option<PathBuf>,
-    /// Start the encoder from a trained ResNet-18: torchvision's .pth, or a checkpoint of the original
+    /// Initialise the encoder with a trained ResNet-18: torchvision's .pth, or a checkpoint of DVR's reference code
     #[arg(long, value_name = "FILE")]
     pub pretrained: Option<PathBuf>,
 }
 
+impl TrainArgs {
+    /// Where to train; with several devices, the first of them.
+    pub fn backend(&self) -> Backend {
+        self.devices.first().copied().unwrap_or(self.backend.backend)
+    }
+
+    /// Further devices that share each step.
+    pub fn more_devices(&self) -> &[Backend] {
+        self.devices.get(1..).unwrap_or_default()
+    }
+}
+
 impl ObjectsArgs {
-    /// As the library takes it; depth comes from where the scene's arguments say.
+    /// The library's options; the source of depth maps is an argument of scenes.
     pub fn options(&self, reading: &SceneArgs) -> ObjectOptions {
         ObjectOptions {
             categories: self.categories.clone(),
@@ -113,26 +123,26 @@ impl ObjectsArgs {
     }
 }
 
-/// How a scene is reconstructed.
+/// Reconstruction methods.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum MethodName {
-    /// A compact field on grids: seconds
-    Fast,
-    /// The publication's network, started from the visual hull: minutes; for datasets, of a size for a few cores: an
-    /// hour
+    /// Multi-resolution voxel grid: seconds
+    Grid,
+    /// The paper's network, initialised with the visual hull: minutes; for datasets of objects, a network for a few cores:
+    /// an hour
     Network,
-    /// The network with the publication's own settings: minutes for 600 steps (the publication: 300 000); for datasets:
-    /// months without a GPU
+    /// The network with the paper's settings: minutes for 600 steps (the paper: 300 000); for datasets of objects: months
+    /// without a GPU
     Classic,
-    /// The visual hull of the masks, coloured by the photographs: what can be had without any training
+    /// The visual hull of the masks, coloured by the photographs: no training
     Hull,
 }
 
-/// What `--capacity` says.
+/// Values of `--capacity`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CapacityArg {
-    /// As fine as held-out views ask for.
+    /// As fine as held-out views justify.
     Auto,
-    /// So many cells along an edge.
+    /// Cells per edge.
     Cells(usize),
 }

@@ -1,4 +1,4 @@
-//! Values that people write: times, sizes, shares.
+//! Parsers of values: times, sizes, shares, variants.
 
 use std::time::Duration;
 
@@ -15,7 +15,7 @@ pub(super) fn parse_duration(text: &str) -> Result<Duration, String> {
         Some((i, 'h')) => (&text[..i], 3600.0),
         _ => (text, 1.0),
     };
-    let seconds: f64 = number.parse().map_err(|_| format!("{text:?} is no time; write 90s, 10m or 2h"))?;
+    let seconds: f64 = number.parse().map_err(|_| format!("{text:?} is not a time; write 90s, 10m or 2h"))?;
     Duration::try_from_secs_f64(seconds * factor).map_err(|e| format!("{text:?}: {e}"))
 }
 
@@ -23,13 +23,13 @@ pub(super) fn parse_duration(text: &str) -> Result<Duration, String> {
 pub(super) fn parse_shard(text: &str) -> Result<Shard, String> {
     let parts = text.split_once('/').and_then(|(number, of)| Some((number.parse().ok()?, of.parse().ok()?)));
     let shard = parts.map(|(number, of)| Shard { number, of }).filter(|shard| (1..=shard.of).contains(&shard.number));
-    shard.ok_or_else(|| format!("{text:?} is no part; write 1/16, 2/16 and so on up to 16/16"))
+    shard.ok_or_else(|| format!("{text:?} is not a part; write 1/16, 2/16, ... up to 16/16"))
 }
 
-/// Reads `name:key=value,key=value`; the key `method` says of what it is a variant, if not of `fast`. Commas within
-/// brackets belong to the value.
+/// Reads `name:key=value,key=value`; the key `method` names the method, `grid` by default. Commas within brackets belong
+/// to the value.
 pub(super) fn parse_variant(text: &str) -> Result<Variant, String> {
-    let error = || format!("{text:?} is no variant; write NAME:KEY=VALUE, e.g. no-texture:losses.texture=0");
+    let error = || format!("{text:?} is not a variant; write NAME:KEY=VALUE, e.g. smooth:losses.smoothness=9");
     let (name, settings) = text.split_once(':').ok_or_else(error)?;
     let mut settings = split_settings(settings);
     let sound = !name.is_empty() && name.chars().all(|c| c.is_alphanumeric() || "-_".contains(c));
@@ -39,15 +39,17 @@ pub(super) fn parse_variant(text: &str) -> Result<Variant, String> {
     let is_method = |setting: &String| setting.starts_with("method=");
     let method = match settings.iter().position(is_method) {
         Some(place) => settings.remove(place)["method=".len()..].to_owned(),
-        None => "fast".to_owned(),
+        None => "grid".to_owned(),
     };
     if <MethodName as ValueEnum>::from_str(&method, false).is_err() {
-        return Err(format!("{text:?}: there is no method {method:?}; there are hull, fast, network and classic"));
+        return Err(format!(
+            "{text:?}: there is no method {method:?}; the methods are hull, grid, network and classic"
+        ));
     }
     Ok(Variant { name: name.to_owned(), method, settings })
 }
 
-/// Splits at commas that are in no brackets.
+/// Splits at commas outside of brackets.
 fn split_settings(text: &str) -> Vec<String> {
     let mut depth = 0usize;
     let mut parts = vec![String::new()];
@@ -69,7 +71,7 @@ fn split_settings(text: &str) -> Vec<String> {
 /// Reads a share from 0 to 1.
 pub(super) fn parse_share(text: &str) -> Result<f32, String> {
     let share = text.parse::<f32>().ok().filter(|share| (0.0..=1.0).contains(share));
-    share.ok_or_else(|| format!("{text:?} is no share; write a number from 0 to 1, e.g. 0.0005"))
+    share.ok_or_else(|| format!("{text:?} is not a share; write a number from 0 to 1, e.g. 0.0005"))
 }
 
 /// Reads `auto` or a number of cells.
@@ -81,15 +83,15 @@ pub(super) fn parse_capacity(text: &str) -> Result<CapacityArg, String> {
     cells.map(CapacityArg::Cells).ok_or_else(|| format!("{text:?}: write auto, or a power of two from 32 to 512"))
 }
 
-/// Reads the size of a stored field, which cannot be nothing.
+/// Reads the size of a stored field, which is not 0.
 pub(super) fn parse_bytes(text: &str) -> Result<usize, String> {
     let bytes = bytes_of(text).filter(|&n| n > 0).and_then(|n| usize::try_from(n).ok());
-    bytes.ok_or_else(|| format!("{text:?} is no size; write 32000, 32k or 1M"))
+    bytes.ok_or_else(|| format!("{text:?} is not a size; write 32000, 32k or 1M"))
 }
 
-/// Reads an amount of memory; 0 keeps nothing there.
+/// Reads an amount of memory, which may be 0.
 pub(super) fn parse_memory(text: &str) -> Result<u64, String> {
-    bytes_of(text).ok_or_else(|| format!("{text:?} is no amount of memory; write 500M or 2G"))
+    bytes_of(text).ok_or_else(|| format!("{text:?} is not an amount of memory; write 500M or 2G"))
 }
 
 /// `32000`, `32k`, `1M` or `2G` in bytes.
@@ -109,7 +111,7 @@ pub(super) fn parse_size(text: &str) -> Result<(u32, u32), String> {
     let side = |s: &str| s.parse::<u32>().ok().filter(|n| (1..=16_384).contains(n));
     match (side(width), side(height)) {
         (Some(width), Some(height)) => Ok((width, height)),
-        _ => Err(format!("{text:?} is no size; write 64 or 320x240, at most 16384")),
+        _ => Err(format!("{text:?} is not a size; write 64 or 320x240, at most 16384")),
     }
 }
 

@@ -1,6 +1,7 @@
 //! The commands: each reads its arguments, calls the library and prints.
 
 pub mod bench;
+mod benchmark_page;
 pub mod devices;
 pub mod eval;
 mod eval_objects;
@@ -8,7 +9,6 @@ pub mod export;
 pub mod import;
 pub mod info;
 mod job;
-mod lab_page;
 mod machine;
 pub mod mesh;
 pub mod predict;
@@ -121,7 +121,7 @@ pub fn surface_options(args: &SurfaceArgs, resolution: u32) -> MeshOptions {
             ContourName::MarchingCubes => Contour::MarchingCubes,
             ContourName::Dual => Contour::Dual,
         },
-        min_component_share: args.min_piece,
+        min_component_share: args.min_component,
         ..ExtractSettings::default()
     };
     MeshOptions { extraction, colors: ColorSource::Field, max_simplification: args.simplify }

@@ -52,10 +52,10 @@ pub fn run(args: &TrainArgs) -> Result<ExitCode> {
 
 /// Trains, then writes mesh, preview and figures.
 fn train_scene(args: &TrainArgs, folder: &RunFolder, config: Method, resumed: Option<&Checkpoint>) -> Result<ExitCode> {
-    if matches!(config, Method::Grid(_)) && !args.also_on.is_empty() {
-        bail!("--also-on shares the steps of networks: --method network or classic, and datasets of many objects");
+    if matches!(config, Method::Grid(_)) && !args.more_devices().is_empty() {
+        bail!("several --devices train networks: --method network or classic, and datasets of objects");
     }
-    let device = args.backend.backend.training_device(&config)?;
+    let device = args.backend().training_device(&config)?;
     limit_training(&device, args.reading.memory, &config)?;
     let (mut scene, reading) = match resumed {
         Some(checkpoint) => {
@@ -144,7 +144,7 @@ pub(super) fn run_options(
     Ok(RunOptions {
         folder: folder.clone(),
         device,
-        helpers: args.also_on.iter().map(|backend| backend.device()).collect::<Result<_>>()?,
+        helpers: args.more_devices().iter().map(|backend| backend.device()).collect::<Result<_>>()?,
         reading,
         time_limit: args.time,
         refined: None,
@@ -167,15 +167,15 @@ pub(super) fn interrupted(trained: &Trained, folder: &RunFolder) -> ExitCode {
 fn configuration(args: &TrainArgs, dataset: bool) -> Result<Method> {
     let supervision = args.supervision.unwrap_or_default();
     let mut config = match (dataset, args.method) {
-        (false, None | Some(MethodName::Fast)) => Method::Grid(fast_configuration(args, supervision)),
+        (false, None | Some(MethodName::Grid)) => Method::Grid(grid_configuration(args, supervision)),
         (false, Some(MethodName::Hull)) => Method::Grid(GridConfig::hull()),
         (false, Some(MethodName::Network)) => Method::Network(TrainConfig::new(supervision)),
         (false, Some(MethodName::Classic)) => Method::Network(TrainConfig::classic(supervision)),
         (true, None | Some(MethodName::Network)) => Method::Objects(ObjectsConfig::new(supervision)),
         (true, Some(MethodName::Classic)) => Method::Objects(ObjectsConfig::classic(supervision)),
-        (true, Some(MethodName::Fast | MethodName::Hull)) => {
+        (true, Some(MethodName::Grid | MethodName::Hull)) => {
             bail!(
-                "a dataset of many objects takes --method network or classic; fast and hull reconstruct one scene each"
+                "a dataset of many objects takes --method network or classic; grid and hull reconstruct one scene each"
             )
         }
     };
@@ -183,9 +183,9 @@ fn configuration(args: &TrainArgs, dataset: bool) -> Result<Method> {
     if !dataset && (!objects.categories.is_empty() || objects.inputs.is_some() || objects.pretrained.is_some()) {
         bail!("--categories, --inputs and --pretrained are for datasets of many objects, and this is a single scene");
     }
-    let is_fast = !dataset && args.method.is_none_or(|method| method == MethodName::Fast);
-    if !is_fast && (args.capacity.is_some() || args.max_bytes.is_some()) {
-        bail!("--capacity and --max-bytes belong to --method fast");
+    let is_grid = !dataset && args.method.is_none_or(|method| method == MethodName::Grid);
+    if !is_grid && (args.capacity.is_some() || args.max_bytes.is_some()) {
+        bail!("--capacity and --max-bytes belong to --method grid");
     }
     if let Some(path) = &args.config {
         config = if path.extension().is_some_and(|ending| ending == "yaml" || ending == "yml") {
@@ -254,8 +254,8 @@ fn of_the_original(path: &Path, args: &TrainArgs, dataset: bool) -> Result<Metho
     }
 }
 
-/// The fast method with the capacity that was asked for.
-fn fast_configuration(args: &TrainArgs, supervision: Supervision) -> GridConfig {
+/// The grid method with the capacity that was asked for.
+fn grid_configuration(args: &TrainArgs, supervision: Supervision) -> GridConfig {
     let mut config = GridConfig::new(supervision);
     if let Some(CapacityArg::Cells(cells)) = args.capacity {
         config.capacity = Capacity::Cells(cells);

@@ -26,7 +26,7 @@ pub fn run(
     config: ObjectsConfig,
     resumed: Option<&Checkpoint>,
 ) -> Result<ExitCode> {
-    let device = args.backend.backend.device()?;
+    let device = args.backend().device()?;
     limit_training(&device, args.reading.memory, &Method::Objects(config.clone()))?;
     let (root, options) = match resumed {
         Some(checkpoint) => {

@@ -9,7 +9,7 @@ use dvr_report::{Curves, table};
 use super::folder_name;
 use super::results::{Outcome, Results};
 use super::table::{grouped, rows};
-use crate::commands::lab_page::LabPage;
+use crate::commands::benchmark_page::BenchmarkPage;
 
 /// A number that a chart's axis shows.
 type Figure = fn(&Outcome) -> Option<f64>;
@@ -27,7 +27,7 @@ const CHAMFER_TITLE: &str = "Chamfer-L1 above its floor, cube edges";
 
 /// Writes `charts/*.svg`, `charts/*.csv` and `report.html` into the folder of a bench.
 pub fn write(results: &Results, folder: &Path) -> Result<()> {
-    let mut page = LabPage::new(folder)?;
+    let mut page = BenchmarkPage::new(folder)?;
     let (heads, rows) = rows(&results.outcomes);
     let words = "<p>Medians over seeds, with their range. Lengths are in edges of the object cube (papers print \
                  Chamfer-L1 times ten). PSNR and \
@@ -141,9 +141,9 @@ mod tests {
     fn what_was_measured_becomes_charts_and_a_page() {
         let folder = tempfile::tempdir().unwrap();
         let outcomes =
-            vec![outcome("fast", 0, 3.0, 0.003), outcome("fast", 1, 4.0, 0.0035), outcome("slow", 0, 9.0, 0.004)];
+            vec![outcome("grid", 0, 3.0, 0.003), outcome("grid", 1, 4.0, 0.0035), outcome("slow", 0, 9.0, 0.004)];
         for seed in 0..2 {
-            let run = folder.path().join("runs").join(folder_name("ball", "fast", "rgb", seed));
+            let run = folder.path().join("runs").join(folder_name("ball", "grid", "rgb", seed));
             std::fs::create_dir_all(&run).unwrap();
             let rows = format!("seconds,held_out_psnr\n0.5,2{seed}\n1.0,25\n");
             std::fs::write(run.join("metrics.csv"), rows).unwrap();
@@ -151,7 +151,7 @@ mod tests {
         write(&Results { outcomes, ..Results::new(Machine::this()) }, folder.path()).unwrap();
         let read = |name: &str| std::fs::read_to_string(folder.path().join(name)).unwrap();
         let curve = read("charts/ball-psnr-against-wall-time.csv");
-        assert!(curve.contains("\"fast, rgb\",0.5,20.5,20,21") && curve.contains("\"slow, rgb\",9,29,,"), "{curve}");
+        assert!(curve.contains("\"grid, rgb\",0.5,20.5,20,21") && curve.contains("\"slow, rgb\",9,29,,"), "{curve}");
         assert!(read("charts/ball-chamfer-l1-against-wall-time.svg").contains("class=\"front\""));
         let page = read("report.html");
         assert!(

@@ -113,14 +113,14 @@ mod tests {
     #[test]
     fn seeds_become_a_median_and_a_range_and_what_is_empty_says_so() {
         let outcomes = vec![
-            outcome("a", "fast", 0, 3.0, Some(0.003)),
+            outcome("a", "grid", 0, 3.0, Some(0.003)),
             outcome("a", "slow", 0, 9.0, None),
-            outcome("a", "fast", 1, 1.0, Some(0.004)),
-            outcome("a", "fast", 2, 2.0, Some(0.0035)),
+            outcome("a", "grid", 1, 1.0, Some(0.004)),
+            outcome("a", "grid", 2, 2.0, Some(0.0035)),
         ];
         let results = Results { outcomes, ..Results::new(Machine::this()) };
         let table = markdown(&results);
-        assert!(table.contains("| a |  | fast | 3 | 2.0 (1.0-3.0) | 0.0035 (0.0030-0.0040) |"), "{table}");
+        assert!(table.contains("| a |  | grid | 3 | 2.0 (1.0-3.0) | 0.0035 (0.0030-0.0040) |"), "{table}");
         assert!(table.contains("| a |  | slow | 1 | 9.0 | no mesh |"), "{table}");
         assert!(!table.contains("volume IoU"), "nobody measured it");
         assert_eq!(csv(&results.outcomes).unwrap().lines().count(), 5);

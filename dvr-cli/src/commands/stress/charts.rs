@@ -8,11 +8,11 @@ use dvr_stress::{Axis, Cell, Kind};
 
 use super::results::{Results, group_name};
 use super::table::{cells, methods, summary, tried};
-use crate::commands::lab_page::LabPage;
+use crate::commands::benchmark_page::BenchmarkPage;
 
 /// Writes `charts/*.svg`, `charts/*.csv` and `report.html` into the folder of a stress test.
 pub fn write(results: &Results, axes: &[Axis], folder: &Path) -> Result<()> {
-    let mut page = LabPage::new(folder)?;
+    let mut page = BenchmarkPage::new(folder)?;
     let words = "<p>What each method makes of scenes that are hard in one way at a time. A number is the distance from the truth \
                  (Chamfer-L1 of what at least two views see, above what the truth itself scores), in pixels' footprints; of \
                  gradients a relative error. A word says why a cell is not solved.</p>";
@@ -76,12 +76,12 @@ mod tests {
             figures: Some(Figures { floor: 0.002, ..Figures::default() }),
             note: None,
         };
-        let cells = vec![cell("fast", 12.0, Verdict::Solved), cell("fast", 3.0, Verdict::Open)];
+        let cells = vec![cell("grid", 12.0, Verdict::Solved), cell("grid", 3.0, Verdict::Open)];
         let folder = tempfile::tempdir().unwrap();
         write(&Results { machine: Machine::this(), cells }, &axes(), folder.path()).unwrap();
         let read = |name: &str| std::fs::read_to_string(folder.path().join(name)).unwrap();
         let csv = read("charts/views.csv");
-        assert!(csv.contains("fast,12,0.0") && csv.contains("not watertight"), "{csv}");
+        assert!(csv.contains("grid,12,0.0") && csv.contains("not watertight"), "{csv}");
         assert!(read("charts/views.svg").contains("not watertight"));
         let page = read("report.html");
         assert!(page.contains("views (views)") && !page.contains("rod-radius"), "axes without cells have no section");

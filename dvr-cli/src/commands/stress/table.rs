@@ -147,8 +147,8 @@ mod tests {
     #[test]
     fn the_table_says_what_failed_and_where_it_breaks() {
         let cells = vec![
-            cell("fast", 24.0, Verdict::Solved, Some(0.002)),
-            cell("fast", 6.0, Verdict::Inaccurate, Some(0.1)),
+            cell("grid", 24.0, Verdict::Solved, Some(0.002)),
+            cell("grid", 6.0, Verdict::Inaccurate, Some(0.1)),
             cell("hull", 24.0, Verdict::Empty, None),
         ];
         let results = Results { machine: Machine::this(), cells };
@@ -160,7 +160,7 @@ mod tests {
 
         // A rival that was tried where the other fails, and nowhere else.
         let rival = |verdict| {
-            let cells = [cell("fast", 24.0, Verdict::Solved, None), cell("fast", 6.0, Verdict::Empty, None)];
+            let cells = [cell("grid", 24.0, Verdict::Solved, None), cell("grid", 6.0, Verdict::Empty, None)];
             let cells = cells.into_iter().chain([cell("rival", 6.0, verdict, None)]).collect();
             markdown(&Results { machine: Machine::this(), cells }, &axes)
         };

@@ -1,4 +1,4 @@
-//! The fast method from the command line: quality, resuming, capacity, and the hull that it must beat.
+//! The grid method from the command line: quality, resuming, capacity, and the hull that it must beat.
 
 mod support;
 
@@ -29,19 +29,19 @@ fn train(tiny: &Tiny, run: &str, more: &[&str]) -> std::process::Output {
 fn it_beats_the_hull_and_says_what_it_chose() {
     let tiny = Tiny::new();
     succeeds(&train(&tiny, "hull", &["--method", "hull"]));
-    let output = train(&tiny, "fast", &["--steps", "150"]);
+    let output = train(&tiny, "grid", &["--steps", "150"]);
     succeeds(&output);
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(said.contains("32 cells") && said.contains("bytes stored"), "{said}");
     let iou = |run: &str| metrics(&tiny, run)["shape"]["volume_iou"].as_f64().unwrap();
-    assert!(iou("fast") > iou("hull") && iou("fast") > 0.8, "{} against {}", iou("fast"), iou("hull"));
-    let bytes = metrics(&tiny, "fast")["bytes"].as_u64().unwrap();
+    assert!(iou("grid") > iou("hull") && iou("grid") > 0.8, "{} against {}", iou("grid"), iou("hull"));
+    let bytes = metrics(&tiny, "grid")["bytes"].as_u64().unwrap();
     assert!(bytes > 1000 && bytes < 60_000, "{bytes}");
-    let mesh = read_mesh(tiny.path("fast/mesh.glb")).unwrap().mesh;
+    let mesh = read_mesh(tiny.path("grid/mesh.glb")).unwrap().mesh;
     assert!(mesh.colors.is_some());
 
     // Whatever takes a run takes its compact field alone.
-    let scene_file = tiny.path("fast/scene.dvr");
+    let scene_file = tiny.path("grid/scene.dvr");
     assert!(std::fs::metadata(&scene_file).unwrap().len() < bytes + 6_000, "the field and a header");
     let table = succeeds(&dvr(&["eval", text(&scene_file), "--resolution", "32"]));
     assert!(table.contains("volume IoU") && table.contains("PSNR"), "{table}");
@@ -110,8 +110,8 @@ fn bytes_are_kept_under_a_limit() {
     let bytes = metrics(&tiny, "small")["bytes"].as_u64().unwrap();
     assert!(bytes <= 9_000, "{bytes}");
     refuses(&train(&tiny, "x", &["--capacity", "65"]), &["65", "power of two"]);
-    refuses(&train(&tiny, "x", &["--method", "network", "--capacity", "64"]), &["--capacity", "fast"]);
-    refuses(&train(&tiny, "x", &["--also-on", "cpu"]), &["--also-on", "--method network"]);
+    refuses(&train(&tiny, "x", &["--method", "network", "--capacity", "64"]), &["--capacity", "grid"]);
+    refuses(&train(&tiny, "x", &["--devices", "cpu,cpu"]), &["--devices", "--method network"]);
 }
 
 #[test]

@@ -10,12 +10,12 @@ use dvr_report::{Page, Section};
 use super::machine::Machine;
 
 /// A page in the making.
-pub struct LabPage {
+pub struct BenchmarkPage {
     folder: PathBuf,
     sections: Vec<Section>,
 }
 
-impl LabPage {
+impl BenchmarkPage {
     /// A page without sections, for this folder.
     pub fn new(folder: &Path) -> Result<Self> {
         let charts = folder.join("charts");
