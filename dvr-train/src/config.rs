@@ -5,9 +5,9 @@ use dvr_model::DecoderConfig;
 use dvr_render::{RootMethod, SlopeRule};
 use serde::{Deserialize, Serialize};
 
-use crate::batch::PixelSampling;
 use crate::error::{Error, Result};
-use crate::method::overridden;
+use crate::learners::batch::PixelSampling;
+use crate::methods::method::overridden;
 
 /// Weights of the losses. A weight of 0 leaves the term out of the computation altogether.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

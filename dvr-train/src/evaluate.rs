@@ -12,7 +12,7 @@ use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
 use crate::error::Result;
-use crate::preview::{to_rgb8, whitened};
+use crate::export::preview::{to_rgb8, whitened};
 
 /// A shape against the truth. Lengths are in units of the object cube.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -37,66 +37,53 @@
 
 #![warn(missing_docs)]
 
-mod adam;
-mod bake;
-mod batch;
 mod cameras;
-mod chamfer_curve;
-mod checkpoint;
 mod config;
 #[cfg(feature = "gpu")]
 mod device;
 mod error;
 mod evaluate;
 mod export;
-mod finish;
 mod import;
-mod learner;
-pub mod losses;
-mod memory_estimate;
-mod method;
-mod metrics_log;
-mod model;
-mod objective;
+mod learners;
+mod methods;
 mod objects;
-mod original_config;
-mod pieces;
-mod predict;
-pub mod preview;
+mod observer;
 mod resources;
 mod run;
-mod sparse;
-mod team;
-mod trainer;
-mod warm_start;
 
-pub use bake::bake_colors;
-pub use batch::{PixelBatch, PixelSampling, Pixels};
 pub use cameras::{RefinedCameras, refine_cameras};
-pub use checkpoint::{Best, CHECKPOINT_VERSION, Checkpoint, CheckpointHeader, LearnerState};
 pub use config::{HullUse, LossWeights, MarchStage, OccupancyPoint, TrainConfig};
 pub use dvr_core::{Supervision, ViewSplit};
 pub use dvr_grid::{Capacity, DisagreeingViews, GridConfig, GridLosses, GridTrainer, Part, PartTimes};
 pub use dvr_render::{ViewMetrics, view_metrics};
 pub use error::{Error, Result};
 pub use evaluate::{ShapeEvaluation, ViewEvaluation, evaluate_shape, evaluate_views};
-pub use export::{ColorSource, MeshOptions, object_mesh, world_mesh};
-pub use finish::{RunMetrics, extraction_warnings, finish, judging_views, surface_points};
-pub use import::{ImportOptions, ImportedScene, import};
-pub use learner::Learner;
-pub use memory_estimate::{check_memory, memory_estimate};
-pub use method::Method;
-pub use model::Model;
-pub use objective::{StepLoss, StepNoise, sparse_depth_loss, step_loss};
+pub use export::bake::bake_colors;
+pub use export::export_run::{RunMetrics, extraction_warnings, finish, judging_views, surface_points};
+pub use export::mesh::{ColorSource, MeshOptions, object_mesh, world_mesh};
+pub use export::preview;
+pub use import::convert::{ImportOptions, ImportedScene, import};
+pub use import::reference_config::OriginalConfig;
+pub use learners::batch::{PixelBatch, PixelSampling, Pixels};
+pub use learners::learner::Learner;
+pub use learners::losses;
+pub use learners::objective::{StepLoss, StepNoise, sparse_depth_loss, step_loss};
+pub use learners::sparse::SparseTargets;
+pub use learners::trainer::{StepReport, Trainer};
+pub use learners::warm_start::{carve_hull, hull_bound, warm_start};
+pub use methods::memory_estimate::{check_memory, memory_estimate};
+pub use methods::method::Method;
+pub use methods::trained_model::Model;
+pub use objects::predict::{Prediction, predict};
 pub use objects::{
     Evaluation, MeanScore, MeanShapes, Measurement, NearestPicture, ObjectModel, ObjectScore, ObjectsConfig,
     ObjectsMetrics, ObjectsTrainer, Results, Shape, Shard, Subject, Summary, TrainedObjects, finish_objects,
     judged_input, merge_results, read_results, to_markdown, train_objects, write_summaries,
 };
-pub use original_config::OriginalConfig;
-pub use predict::{Prediction, predict};
+pub use observer::Observer;
 pub use resources::Resources;
-pub use run::{Observer, RunFolder, RunOptions, Stop, Trained, train};
-pub use sparse::SparseTargets;
-pub use trainer::{StepReport, Trainer};
-pub use warm_start::{carve_hull, hull_bound, warm_start};
+pub use run::checkpoint::{Best, CHECKPOINT_VERSION, Checkpoint, CheckpointHeader, LearnerState};
+pub use run::folder::RunFolder;
+pub use run::options::{RunOptions, Stop, Trained};
+pub use run::train::train;

@@ -17,7 +17,7 @@ use dvr_grid::GridField;
 use rayon::prelude::*;
 
 use crate::error::Result;
-use crate::run::Observer;
+use crate::observer::Observer;
 use dvr_core::ViewSplit;
 use dvr_grid::{Capacity, DisagreeingViews, GridConfig, GridTrainer};
 use photograph::SmoothPhotograph;

@@ -159,7 +159,7 @@ mod tests {
     use serde_json::json;
 
     use super::*;
-    use crate::method::Method;
+    use crate::methods::method::Method;
 
     #[test]
     fn a_configuration_survives_a_round_trip_and_its_keys_stand_side_by_side() {

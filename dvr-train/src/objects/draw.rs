@@ -13,10 +13,10 @@ use rand_chacha::ChaCha8Rng;
 
 use super::config::ObjectsConfig;
 use super::hulls::{CoarseHull, Hulls};
-use crate::batch::Pixels;
 use crate::error::{Error, Result};
-use crate::objective::StepNoise;
-use crate::trainer::step_rng;
+use crate::learners::batch::Pixels;
+use crate::learners::objective::StepNoise;
+use crate::learners::trainer::step_rng;
 use dvr_core::Supervision;
 
 /// The objects of one step and what they show, before it goes to a device.

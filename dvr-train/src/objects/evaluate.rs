@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use super::results::{ObjectScore, Results};
 use super::subject::{Shape, Subject, judged_input};
 use crate::error::Result;
-use crate::run::Observer;
+use crate::observer::Observer;
 use dvr_render::view_metrics;
 
 /// A part of the objects: every `of`-th, starting with number `number`, counted from 1.

@@ -8,6 +8,7 @@ mod loader;
 mod mean_shape;
 mod model;
 mod nearest_picture;
+pub(crate) mod predict;
 mod results;
 mod run;
 mod subject;

@@ -9,10 +9,10 @@ use dvr_render::{MarchSettings, RenderSettings, SkipGrid};
 use image::RgbImage;
 
 use super::config::ObjectsConfig;
-use crate::checkpoint::Checkpoint;
 use crate::error::{Error, Result};
-use crate::learner::restore_module;
-use crate::method::Method;
+use crate::learners::learner::restore_module;
+use crate::methods::method::Method;
+use crate::run::checkpoint::Checkpoint;
 
 /// Cells along an edge of the grid that lets rendering skip empty space.
 const SKIP_CELLS: usize = 32;

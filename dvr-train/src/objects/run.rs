@@ -17,11 +17,14 @@ use serde::{Deserialize, Serialize};
 use super::config::ObjectsConfig;
 use super::model::{ObjectModel, render_settings, skip_grid};
 use super::trainer::ObjectsTrainer;
-use crate::checkpoint::{Best, CHECKPOINT_VERSION, Checkpoint, CheckpointHeader};
 use crate::error::{Error, Result};
-use crate::method::Method;
-use crate::preview::{preview_row, sheet};
-use crate::run::{Observer, Pace, RunFolder, RunOptions, Trained, carry_out};
+use crate::export::preview::{preview_row, sheet};
+use crate::methods::method::Method;
+use crate::observer::Observer;
+use crate::run::checkpoint::{Best, CHECKPOINT_VERSION, Checkpoint, CheckpointHeader};
+use crate::run::folder::RunFolder;
+use crate::run::options::{RunOptions, Trained};
+use crate::run::train::{Pace, carry_out};
 
 /// The figures of a finished run: `metrics.json`. (What unseen objects say of it is the business of evaluation.)
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

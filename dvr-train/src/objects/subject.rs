@@ -16,7 +16,7 @@ use super::model::ObjectModel;
 use super::nearest_picture::NearestPicture;
 use crate::error::{Error, Result};
 use crate::evaluate::{ShapeEvaluation, evaluate_points};
-use crate::export::{ColorSource, MeshOptions, object_mesh};
+use crate::export::mesh::{ColorSource, MeshOptions, object_mesh};
 
 /// What makes shapes.
 pub enum Subject {

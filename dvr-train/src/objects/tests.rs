@@ -23,7 +23,7 @@ use super::nearest_picture::NearestPicture;
 use super::subject::{Shape, Subject, judged_input};
 use super::trainer::ObjectsTrainer;
 use crate::config::MarchStage;
-use crate::learner::Learner;
+use crate::learners::learner::Learner;
 use dvr_core::Supervision;
 
 fn write_dataset(root: &Path) {
@@ -139,7 +139,7 @@ fn in_the_place_of_a_broken_object_another_one_is_drawn_and_it_is_named_once() {
 /// What a model says of some points of an object: codes, and with them running statistics, show in it.
 fn answers(trainer: &ObjectsTrainer, dataset: &ObjectDataset) -> Vec<f32> {
     let state = trainer.state().unwrap();
-    let checkpoint = crate::checkpoint::Checkpoint { header: header(trainer), state };
+    let checkpoint = crate::run::checkpoint::Checkpoint { header: header(trainer), state };
     let model = super::model::ObjectModel::load(&checkpoint, &Device::flex()).unwrap();
     let field = match model.image_size() {
         Some(size) => model.field_of_picture(&dataset.read_input(2, 1, size as u32).unwrap()),
@@ -151,10 +151,10 @@ fn answers(trainer: &ObjectsTrainer, dataset: &ObjectDataset) -> Vec<f32> {
     [flat(values.occupancy_logit.into_data()), flat(values.color.into_data())].concat()
 }
 
-fn header(trainer: &ObjectsTrainer) -> crate::checkpoint::CheckpointHeader {
-    crate::checkpoint::CheckpointHeader {
-        version: crate::checkpoint::CHECKPOINT_VERSION,
-        method: crate::method::Method::Objects(trainer.config().clone()),
+fn header(trainer: &ObjectsTrainer) -> crate::run::checkpoint::CheckpointHeader {
+    crate::run::checkpoint::CheckpointHeader {
+        version: crate::run::checkpoint::CHECKPOINT_VERSION,
+        method: crate::methods::method::Method::Objects(trainer.config().clone()),
         step: trainer.steps_done(),
         seconds: 0.0,
         best: None,
@@ -242,7 +242,7 @@ fn occupancies_are_learned_and_two_objects_told_apart() {
     assert!(last < 0.5 * first, "{first} to {last}");
     // The middle of a ball is inside; that of a ring is not, or less surely so.
     let model = super::model::ObjectModel::load(
-        &crate::checkpoint::Checkpoint { header: header(&trainer), state: trainer.state().unwrap() },
+        &crate::run::checkpoint::Checkpoint { header: header(&trainer), state: trainer.state().unwrap() },
         &Device::flex(),
     )
     .unwrap();

@@ -17,15 +17,15 @@ use super::draw::{BatchDrawer, ObjectsBatch, RayGradient};
 use super::loader::Loader;
 use super::model::{image_tensor, rows_tensor};
 use super::validate::{Judge, judge, read_judges};
-use crate::adam::adam;
-use crate::batch::PixelBatch;
-use crate::checkpoint::LearnerState;
 use crate::error::{Error, Result};
-use crate::learner::{Learner, module_state, restore_module, restore_optimizer};
-use crate::losses;
-use crate::objective::{StepLoss, step_loss};
-use crate::team::{Part, Team, shares};
-use crate::trainer::StepReport;
+use crate::learners::adam::adam;
+use crate::learners::batch::PixelBatch;
+use crate::learners::data_parallel::{Part, Team, shares};
+use crate::learners::learner::{Learner, module_state, restore_module, restore_optimizer};
+use crate::learners::losses;
+use crate::learners::objective::{StepLoss, step_loss};
+use crate::learners::trainer::StepReport;
+use crate::run::checkpoint::LearnerState;
 use dvr_render::ViewMetrics;
 
 /// A model of many objects in training.

@@ -2,219 +2,30 @@
 
 use std::cell::Cell;
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
+use std::sync::atomic::Ordering;
+use std::time::Instant;
 
-use burn::tensor::Device;
-use dvr_core::{PointCloud, Scene};
+use dvr_core::Scene;
 use dvr_model::Decoder;
 use dvr_render::memory_excess;
 
 use crate::cameras::RefinedCameras;
-use crate::chamfer_curve::ChamferCurve;
-use crate::checkpoint::{Best, CHECKPOINT_VERSION, Checkpoint, CheckpointHeader};
 use crate::config::TrainConfig;
 use crate::error::{Error, Result};
-use crate::learner::Learner;
-use crate::memory_estimate::too_much_memory;
-use crate::method::Method;
-use crate::metrics_log::MetricsLog;
+use crate::learners::learner::Learner;
+use crate::learners::sparse::SparseTargets;
+use crate::learners::trainer::{READ_EVERY, Trainer};
+use crate::learners::warm_start::{carve_hull, hull_bound, warm_start};
+use crate::methods::memory_estimate::too_much_memory;
+use crate::methods::method::Method;
+use crate::observer::Observer;
 use crate::resources::Resources;
-use crate::sparse::SparseTargets;
-use crate::trainer::{READ_EVERY, Trainer};
-use crate::warm_start::{carve_hull, hull_bound, warm_start};
+use crate::run::chamfer_curve::ChamferCurve;
+use crate::run::checkpoint::{Best, CHECKPOINT_VERSION, Checkpoint, CheckpointHeader};
+use crate::run::metrics_log::MetricsLog;
+use crate::run::options::{RunOptions, Stop, Trained};
 use dvr_core::ViewSplit;
 use dvr_grid::GridTrainer;
-use dvr_render::ViewMetrics;
-
-/// Where the parts of a run lie.
-#[derive(Clone, Debug)]
-pub struct RunFolder {
-    root: PathBuf,
-}
-
-impl RunFolder {
-    /// Names a folder; nothing is touched.
-    pub fn new(root: impl Into<PathBuf>) -> Self {
-        Self { root: root.into() }
-    }
-
-    /// The folder itself.
-    pub fn root(&self) -> &Path {
-        &self.root
-    }
-
-    /// The newest checkpoint.
-    pub fn last(&self) -> PathBuf {
-        self.root.join("last.ckpt")
-    }
-
-    /// The checkpoint with the best validation.
-    pub fn best(&self) -> PathBuf {
-        self.root.join("best.ckpt")
-    }
-
-    /// The field alone, compact: for grid fields.
-    pub fn scene_file(&self) -> PathBuf {
-        self.root.join("scene.dvr")
-    }
-
-    /// The refined cameras, as nerfstudio's `transforms.json`, in the scene's own coordinates.
-    pub fn cameras(&self) -> PathBuf {
-        self.root.join("cameras.json")
-    }
-
-    /// The configuration, for people to read.
-    pub fn config(&self) -> PathBuf {
-        self.root.join("config.json")
-    }
-
-    /// The curves.
-    pub fn metrics_csv(&self) -> PathBuf {
-        self.root.join("metrics.csv")
-    }
-
-    /// The final figures.
-    pub fn metrics_json(&self) -> PathBuf {
-        self.root.join("metrics.json")
-    }
-
-    /// The mesh with vertex colours, as PLY.
-    pub fn mesh_ply(&self) -> PathBuf {
-        self.root.join("mesh.ply")
-    }
-
-    /// The same mesh as GLB.
-    pub fn mesh_glb(&self) -> PathBuf {
-        self.root.join("mesh.glb")
-    }
-
-    /// The report, a page for a browser.
-    pub fn report(&self) -> PathBuf {
-        self.root.join("report.html")
-    }
-
-    /// Input, render, depth and normals side by side.
-    pub fn preview(&self) -> PathBuf {
-        self.root.join("preview.png")
-    }
-
-    /// Makes an empty folder for a new run.
-    ///
-    /// # Errors
-    /// When it cannot be made, cannot be written to, or already holds a run.
-    pub fn create(&self) -> Result<()> {
-        if self.last().exists() {
-            return Err(Error::Run {
-                path: self.root.clone(),
-                problem: "the folder already holds a run".into(),
-                remedy: "Continue it with --resume, start over with --overwrite, or choose another folder.".into(),
-            });
-        }
-        std::fs::create_dir_all(&self.root).map_err(|e| dvr_core::Error::io(&self.root, e))?;
-        Ok(())
-    }
-
-    /// Removes what an earlier run left, and nothing else.
-    ///
-    /// # Errors
-    /// When a file cannot be removed.
-    pub fn clear(&self) -> Result<()> {
-        let files = [
-            self.last(),
-            self.best(),
-            self.scene_file(),
-            self.cameras(),
-            self.config(),
-            self.metrics_csv(),
-            self.metrics_json(),
-            self.mesh_ply(),
-            self.mesh_glb(),
-            self.preview(),
-            self.report(),
-        ];
-        for file in files.into_iter().filter(|file| file.exists()) {
-            std::fs::remove_file(&file).map_err(|e| dvr_core::Error::io(&file, e))?;
-        }
-        Ok(())
-    }
-
-    /// The checkpoint that stands for the run: the best, or the last where nothing was validated.
-    ///
-    /// # Errors
-    /// When there is none or it cannot be read.
-    pub fn load(&self) -> Result<Checkpoint> {
-        if self.best().exists() { Checkpoint::load(&self.best()) } else { Checkpoint::load(&self.last()) }
-    }
-}
-
-/// Hears how a run goes on.
-pub trait Observer {
-    /// A phase of so many steps begins.
-    fn phase(&mut self, name: &str, steps: usize);
-    /// So many steps of the phase are done.
-    fn progress(&mut self, done: usize, message: &str);
-    /// Something worth a line.
-    fn note(&mut self, line: &str);
-}
-
-/// Nobody listens.
-impl Observer for () {
-    fn phase(&mut self, _: &str, _: usize) {}
-    fn progress(&mut self, _: usize, _: &str) {}
-    fn note(&mut self, _: &str) {}
-}
-
-/// How a run is carried out, besides its configuration.
-pub struct RunOptions<'a> {
-    /// The folder.
-    pub folder: RunFolder,
-    /// The device, without autodiff.
-    pub device: Device,
-    /// Devices that share each step of a network with it, without autodiff too.
-    pub helpers: Vec<Device>,
-    /// How the scene was read; stored in checkpoints.
-    pub reading: serde_json::Value,
-    /// Wall time after which training stops as if its steps were done.
-    pub time_limit: Option<Duration>,
-    /// What became of the scene's cameras, where they were refined.
-    pub refined: Option<RefinedCameras>,
-    /// The true surface, with which the shape is compared at each validation, beside the clock: a column of
-    /// `metrics.csv`. It teaches nothing.
-    pub truth: Option<&'a PointCloud>,
-    /// Set from outside (Ctrl-C): training saves and stops after the current step.
-    pub interrupted: &'a AtomicBool,
-}
-
-/// Why training stopped.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Stop {
-    /// All steps are done.
-    Done,
-    /// The time is up.
-    TimeLimit,
-    /// Somebody asked.
-    Interrupted,
-}
-
-/// What training left.
-#[derive(Clone, Debug)]
-pub struct Trained {
-    /// The checkpoint that stands for the run.
-    pub checkpoint: Checkpoint,
-    /// Why it stopped.
-    pub stop: Stop,
-    /// Steps done, over all sessions.
-    pub steps: usize,
-    /// Wall seconds of training, over all sessions.
-    pub seconds: f64,
-    /// Wall and CPU seconds of this session that went into comparing the shape with the truth; they are not in
-    /// `seconds`.
-    pub measuring_seconds: [f64; 2],
-    /// The last validation.
-    pub validation: Option<ViewMetrics>,
-}
 
 /// Steps between rows of `metrics.csv`.
 const LOG_EVERY: usize = READ_EVERY;

@@ -12,14 +12,14 @@ use dvr_model::{
     AdamMoments, Codes, DecoderConfig, Encoder, EncoderConfig, ImageModel, Imported, ImportedNetwork, PytorchCheckpoint,
 };
 
-use crate::adam::adam;
-use crate::checkpoint::{CHECKPOINT_VERSION, Checkpoint, CheckpointHeader, LearnerState};
 use crate::config::TrainConfig;
 use crate::error::{Error, Result};
-use crate::learner::module_state;
-use crate::method::Method;
+use crate::import::reference_config::OriginalConfig;
+use crate::learners::adam::adam;
+use crate::learners::learner::module_state;
+use crate::methods::method::Method;
 use crate::objects::ObjectsConfig;
-use crate::original_config::OriginalConfig;
+use crate::run::checkpoint::{CHECKPOINT_VERSION, Checkpoint, CheckpointHeader, LearnerState};
 use dvr_core::Supervision;
 
 /// What an import is told besides the file.
@@ -259,7 +259,7 @@ mod tests {
     use dvr_model::Decoder;
 
     use super::*;
-    use crate::learner::{restore_module, restore_optimizer};
+    use crate::learners::learner::{restore_module, restore_optimizer};
 
     /// Every parameter at one value.
     struct Constant(f64);

@@ -15,11 +15,11 @@ use dvr_render::{Field, Query, SkipGrid};
 use glam::Vec3;
 use rand::Rng;
 
-use crate::adam::adam;
 use crate::config::TrainConfig;
 use crate::error::Result;
-use crate::losses;
-use crate::trainer::step_rng;
+use crate::learners::adam::adam;
+use crate::learners::losses;
+use crate::learners::trainer::step_rng;
 
 /// Half of the points lie in the whole cube, half beside a hull voxel, where the surface is.
 const SHARE_NEAR: f64 = 0.5;

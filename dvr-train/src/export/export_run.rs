@@ -12,12 +12,14 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
 use crate::evaluate::{ShapeEvaluation, evaluate_shape};
-use crate::export::{MeshOptions, object_mesh, world_mesh};
-use crate::method::Method;
-use crate::model::Model;
-use crate::preview::preview_sheet;
+use crate::export::mesh::{MeshOptions, object_mesh, world_mesh};
+use crate::export::preview::preview_sheet;
+use crate::methods::method::Method;
+use crate::methods::trained_model::Model;
+use crate::observer::Observer;
 use crate::resources::Resources;
-use crate::run::{Observer, RunFolder, Trained};
+use crate::run::folder::RunFolder;
+use crate::run::options::Trained;
 use dvr_core::ViewSplit;
 use dvr_render::{ViewMetrics, view_metrics};
 

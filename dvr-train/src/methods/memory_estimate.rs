@@ -8,7 +8,7 @@ use dvr_model::{DecoderConfig, EncoderConfig};
 
 use crate::config::TrainConfig;
 use crate::error::{Error, Result};
-use crate::method::Method;
+use crate::methods::method::Method;
 use crate::objects::ObjectsConfig;
 use dvr_core::Supervision;
 

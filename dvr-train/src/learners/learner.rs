@@ -8,9 +8,9 @@ use dvr_grid::GridTrainer;
 use dvr_model::Decoder;
 use dvr_render::{FieldShader, MarchSettings, RenderSettings};
 
-use crate::checkpoint::LearnerState;
 use crate::error::{Error, Result};
-use crate::trainer::{StepReport, Trainer};
+use crate::learners::trainer::{StepReport, Trainer};
+use crate::run::checkpoint::LearnerState;
 use dvr_render::{ViewMetrics, view_metrics};
 
 /// A field in training, as a run sees it.

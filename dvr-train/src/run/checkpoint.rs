@@ -14,7 +14,7 @@ use safetensors::{SafeTensors, serialize};
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
-use crate::method::Method;
+use crate::methods::method::Method;
 
 /// Version of the checkpoints that this program writes.
 pub const CHECKPOINT_VERSION: u32 = 4;

@@ -11,11 +11,11 @@ use dvr_render::extract::{FieldSurface, ScalarField};
 use dvr_render::{FieldShader, MarchSettings, RenderSettings, Shader, SkipGrid};
 use glam::Vec3;
 
-use crate::checkpoint::Checkpoint;
 use crate::error::{Error, Result};
-use crate::learner::restore_module;
-use crate::method::Method;
+use crate::learners::learner::restore_module;
+use crate::methods::method::Method;
 use crate::objects::{ObjectModel, ObjectsConfig};
+use crate::run::checkpoint::Checkpoint;
 
 /// Cells along an edge of the grid that lets the rendering of a network skip empty space.
 const SKIP_CELLS: usize = 64;

@@ -9,7 +9,7 @@ use burn::module::Module;
 use burn::optim::{GradientsAccumulator, GradientsParams};
 use burn::tensor::{Device, Tensor};
 
-use crate::objective::StepLoss;
+use crate::learners::objective::StepLoss;
 
 /// The devices that share the steps of a training, the first of which holds the parameters; all without autodiff.
 #[derive(Clone, Debug)]

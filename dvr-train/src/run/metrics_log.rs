@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use crate::error::{Error, Result};
-use crate::trainer::StepReport;
+use crate::learners::trainer::StepReport;
 use dvr_render::ViewMetrics;
 
 /// The loss terms that have a column, in order.

@@ -9,7 +9,7 @@ use serde_json::Value;
 
 use crate::config::{LossWeights, TrainConfig};
 use crate::error::{Error, Result};
-use crate::method::Method;
+use crate::methods::method::Method;
 use crate::objects::ObjectsConfig;
 use dvr_core::Supervision;
 

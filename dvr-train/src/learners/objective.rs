@@ -8,9 +8,9 @@ use dvr_render::{
 };
 use rand::Rng;
 
-use crate::batch::PixelBatch;
 use crate::config::{OccupancyPoint, TrainConfig};
-use crate::losses;
+use crate::learners::batch::PixelBatch;
+use crate::learners::losses;
 
 /// The terms of one step, each already weighted and divided by the number of rays.
 #[derive(Clone, Debug)]

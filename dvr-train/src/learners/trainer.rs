@@ -8,13 +8,13 @@ use dvr_render::{Crossing, Rays, SkipGrid, is_gpu};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-use crate::adam::adam;
-use crate::batch::{PixelBatch, Pixels};
 use crate::config::TrainConfig;
 use crate::error::{Error, Result};
-use crate::objective::{StepLoss, StepNoise, sparse_depth_loss, step_loss};
-use crate::sparse::SparseTargets;
-use crate::team::{Part, Team, shares};
+use crate::learners::adam::adam;
+use crate::learners::batch::{PixelBatch, Pixels};
+use crate::learners::data_parallel::{Part, Team, shares};
+use crate::learners::objective::{StepLoss, StepNoise, sparse_depth_loss, step_loss};
+use crate::learners::sparse::SparseTargets;
 
 /// What a step did, for logging.
 #[derive(Clone, Debug)]

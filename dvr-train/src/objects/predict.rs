@@ -8,10 +8,10 @@ use image::RgbImage;
 use image::imageops::{FilterType, resize};
 
 use crate::error::Result;
-use crate::export::{MeshOptions, object_mesh};
-use crate::finish::extraction_warnings;
+use crate::export::export_run::extraction_warnings;
+use crate::export::mesh::{MeshOptions, object_mesh};
+use crate::export::preview::{normal_picture, orbit_camera, sheet, to_rgb8};
 use crate::objects::ObjectModel;
-use crate::preview::{normal_picture, orbit_camera, sheet, to_rgb8};
 
 /// What a model makes of a picture.
 #[derive(Clone, Debug)]

@@ -5,9 +5,9 @@ use dvr_core::{Camera, Similarity, View, Visibility};
 use dvr_render::extract::{ExtractSettings, Extraction, ScalarField, extract_mesh};
 use glam::Vec3;
 
-use crate::bake::bake_colors;
 use crate::error::{Error, Result};
-use crate::pieces::drop_unshown;
+use crate::export::bake::bake_colors;
+use crate::export::components::drop_unshown;
 
 /// Where the vertex colours of a mesh come from.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -8,10 +8,10 @@ use dvr_core::metrics::shape::{EMPTY_DISTANCE, score_surface};
 use dvr_core::sampling::sample_surface;
 use dvr_render::extract::{ExtractSettings, extract_mesh};
 
-use crate::checkpoint::Checkpoint;
 use crate::error::Result;
-use crate::model::Model;
+use crate::methods::trained_model::Model;
 use crate::resources::Resources;
+use crate::run::checkpoint::Checkpoint;
 
 /// Cells along an edge of the meshes: their error is far below that of a field in training.
 const RESOLUTION: usize = 128;
