@@ -27,6 +27,16 @@ fn of_core(error: &dvr_core::Error) -> Option<String> {
             "With a plain background, --background white, black or border takes what differs from it as the object."
                 .into(),
         ),
+        Error::TooFewViews { .. } => Some("Allow more with --views, and leave out fewer with --ignore.".into()),
+        Error::NoPlace { .. } => Some("--normalise auto or hull finds the object by the masks.".into()),
+        Error::Normalisation(_) | Error::MasksEmpty { .. } => Some(
+            "--ignore VIEW leaves views out; --normalise files takes the place that the files give, where they give one."
+                .into(),
+        ),
+        Error::UnknownCategory { .. } => Some("Name categories with --categories.".into()),
+        Error::Scratch { .. } => {
+            Some("Set TMPDIR to a folder on a disk with room for them, or allow more with --memory.".into())
+        }
         _ => None,
     }
 }

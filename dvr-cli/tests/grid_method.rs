@@ -99,7 +99,7 @@ fn memory_that_is_no_amount_and_a_scratch_folder_that_is_not_there_are_named() {
         let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_dvr"));
         command.args(["info", text(&scene), "--memory", memory]).env("TMPDIR", "/no/such/folder").output().unwrap()
     };
-    refuses(&info("0"), &["/no/such/folder", "TMPDIR", "more memory"]);
+    refuses(&info("0"), &["/no/such/folder", "TMPDIR", "--memory"]);
     succeeds(&info("1G"));
 }
 

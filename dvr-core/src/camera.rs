@@ -5,7 +5,7 @@
 
 use glam::{DMat3, DMat4, DQuat, DVec2, DVec3, Vec3};
 
-use crate::error::{Error, Result};
+use crate::error::CameraError;
 use crate::ray::Ray;
 
 /// A pinhole camera: intrinsics in pixels, and where it stands.
@@ -46,16 +46,13 @@ impl Camera {
     ///
     /// # Errors
     /// When `P` holds a value that is not finite, or its left 3x3 block is singular.
-    pub fn from_projection(width: u32, height: u32, left: DMat3, right: DVec3) -> Result<Self> {
+    pub fn from_projection(width: u32, height: u32, left: DMat3, right: DVec3) -> Result<Self, CameraError> {
         if !left.is_finite() || !right.is_finite() {
-            return Err(Error::scene("a camera matrix holds NaN or infinity", "Export the cameras again."));
+            return Err(CameraError::NotFinite);
         }
         let volume = left.col(0).length() * left.col(1).length() * left.col(2).length();
         if left.determinant().abs() <= 1e-12 * volume || volume == 0.0 {
-            return Err(Error::scene(
-                "a camera matrix is singular (it maps space to a line)",
-                "Export the cameras again.",
-            ));
+            return Err(CameraError::Singular);
         }
         // P and -P are the same camera; the one with det > 0 sees points in front at positive depth.
         let sign = left.determinant().signum();
@@ -158,22 +155,16 @@ impl Similarity {
     ///
     /// # Errors
     /// When the matrix is not finite, is singular, mirrors, shears, or scales its axes by more than 0.1 % differently.
-    pub fn from_matrix(matrix: &DMat4) -> Result<Self> {
+    pub fn from_matrix(matrix: &DMat4) -> Result<Self, CameraError> {
         let linear = DMat3::from_mat4(*matrix);
         let scale = linear.determinant().cbrt();
         if !matrix.is_finite() || scale.is_nan() || scale <= 0.0 {
-            return Err(Error::scene(
-                format!("a scale matrix is singular, mirrored or not finite (scale {scale})"),
-                "A scale_mat must be a uniform scale with a rotation and a translation.",
-            ));
+            return Err(CameraError::NoScale { scale });
         }
         let rotation = linear * scale.recip();
         let defect = rotation * rotation.transpose() - DMat3::IDENTITY;
         if defect.to_cols_array().iter().any(|x| x.abs() > 2e-3) {
-            return Err(Error::scene(
-                "a scale matrix stretches its axes differently",
-                "A scale_mat must be a uniform scale with a rotation and a translation.",
-            ));
+            return Err(CameraError::Stretched);
         }
         let translation = matrix.w_axis.truncate();
         Ok(Self { scale, rotation: DQuat::from_mat3(&rotation).normalize(), translation })

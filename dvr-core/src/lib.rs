@@ -51,7 +51,7 @@ pub mod voxel;
 
 pub use bvh::{Bvh, RayHit};
 pub use camera::{Camera, Similarity};
-pub use error::{Error, Result};
+pub use error::{CameraError, ComparisonError, Error, NormalisationError, Result};
 pub use mask_refinement::{MaskReport, RefinedView, refine_masks};
 pub use pixels::{GrayPicture, Picture, PixelStore, stored};
 pub use points::{OccupancySamples, PointCloud};

@@ -274,12 +274,13 @@ fn in_c_order(values: Values, shape: &[usize]) -> Values {
 /// The file holds no time of writing: the same arrays give the same bytes.
 ///
 /// # Errors
-/// [`Error::Io`] where the file cannot be written; [`Error::Scene`] where an array's shape and its number of elements
+/// [`Error::Io`] where the file cannot be written; [`Error::Format`] where an array's shape and its number of elements
 /// disagree.
 pub fn write_npz(path: &Path, arrays: &[(&str, &Array)]) -> Result<()> {
     for (name, array) in arrays {
         if array.shape.iter().product::<usize>() != array.len() {
-            return Err(Error::scene(
+            return Err(Error::format(
+                path,
                 format!("array `{name}` has shape {:?} but {} elements", array.shape, array.len()),
                 "Give as many elements as the shape says.",
             ));

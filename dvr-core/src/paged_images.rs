@@ -30,7 +30,7 @@ impl PagedImages {
     /// The same view, its colours and mask where there is room for them.
     ///
     /// # Errors
-    /// [`Error::Format`](crate::Error::Format) where the scratch file cannot be made or written.
+    /// [`Error::Scratch`](crate::Error::Scratch) where the scratch file cannot be made or written.
     pub(crate) fn keep_view(&self, view: View) -> Result<View> {
         self.keep(view, Bounded::keep_view)
     }

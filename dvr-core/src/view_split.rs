@@ -27,10 +27,8 @@ impl<'a> ViewSplit<'a> {
             train = train.into_iter().enumerate().filter(|(i, _)| !is_held(i)).map(|(_, v)| v).collect();
         }
         if train.len() < 2 {
-            return Err(Error::scene(
-                format!("scene {:?} has {} view(s) to train on", scene.name, train.len()),
-                "A surface needs at least two views; a handful from all sides is better.",
-            ));
+            let (scene, all) = (scene.name.clone(), scene.views.len());
+            return Err(Error::TooFewViews { scene, left: train.len(), all, purpose: "to train on" });
         }
         Ok(Self { train, held_out })
     }

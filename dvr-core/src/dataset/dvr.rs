@@ -35,10 +35,8 @@ pub(super) fn find(path: &Path, options: &ReadOptions) -> Result<Found> {
     let root = object_folder(path)?;
     let ObjectViews { views, indices, cameras, object_to_world, mut warnings } =
         find_views(&root, options.visual_hull_depth)?;
-    let files_to_world = Similarity::from_matrix(&object_to_world).map_err(|error| match error {
-        Error::Scene { problem, remedy } => Error::format(&cameras, problem, remedy),
-        other => other,
-    })?;
+    let unusable = |source| Error::UnusableCamera { path: cameras.clone(), what: String::new(), source };
+    let files_to_world = Similarity::from_matrix(&object_to_world).map_err(unusable)?;
     let sparse_points = read_sparse_points(&root, &files_to_world, &indices, &mut warnings)?;
     let ground_truth = read_ground_truth(&root)?;
     Ok(Found {

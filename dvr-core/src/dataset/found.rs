@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use glam::{DMat3, DMat4, DVec3};
 
 use crate::camera::{Camera, Similarity};
-use crate::error::{Error, Result};
+use crate::error::CameraError;
 use crate::scene::{GroundTruth, SparsePoints, Split};
 
 /// A scene as its files describe it.
@@ -107,7 +107,7 @@ impl Projection {
     ///
     /// # Errors
     /// When the matrix is singular or not finite, or the image has another shape than the camera was made for.
-    pub fn camera(&self, width: u32, height: u32) -> Result<Camera> {
+    pub fn camera(&self, width: u32, height: u32) -> Result<Camera, CameraError> {
         match self.coordinates {
             Coordinates::Normalised => {
                 let (half_width, half_height) = (0.5 * f64::from(width), 0.5 * f64::from(height));
@@ -125,10 +125,8 @@ impl Projection {
                 // A scaled copy is off by rounding at most.
                 let off = (f64::from(height) - sx * f64::from(full_height)).abs();
                 if off.min((f64::from(width) - sy * f64::from(full_width)).abs()) > 1.5 {
-                    return Err(Error::scene(
-                        format!("the image has {width}x{height} pixels, its camera {full_width}x{full_height}"),
-                        "Use the images that the cameras were made for, or scaled copies of them.",
-                    ));
+                    let (image, camera) = ((width, height), (full_width, full_height));
+                    return Err(CameraError::PictureShape { image, camera });
                 }
                 Ok(camera.resized(width, height))
             }

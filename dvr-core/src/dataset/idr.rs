@@ -65,8 +65,6 @@ pub(super) fn find(path: &Path) -> Result<Found> {
 /// The similarity of the cube around the sphere: it is two radii wide, ours is one unit.
 fn sphere_to_cube(npz: &mut NpzFile, name: &str) -> Result<Similarity> {
     let matrix = read_matrix(npz, name)? * glam::DMat4::from_scale(DVec3::splat(2.0));
-    Similarity::from_matrix(&matrix).map_err(|error| match error {
-        Error::Scene { problem, remedy } => Error::format(npz.path(), format!("`{name}`: {problem}"), remedy),
-        other => other,
-    })
+    let unusable = |source| Error::UnusableCamera { path: npz.path().to_owned(), what: format!("`{name}`: "), source };
+    Similarity::from_matrix(&matrix).map_err(unusable)
 }

@@ -20,17 +20,15 @@ use crate::scene::{MaskSource, Split, View};
 /// Drops the views that `options` leaves out, and renumbers the visibility of sparse points.
 ///
 /// # Errors
-/// [`Error::Scene`] where a view to ignore does not exist, or fewer than two views are left.
+/// [`Error::UnknownView`] where a view to leave out does not exist, [`Error::TooFewViews`] where fewer than two are left.
 pub(super) fn select_views(found: &mut Found, options: &ReadOptions) -> Result<()> {
     let mut keep = vec![true; found.views.len()];
     for ignored in &options.ignored_views {
         let by_name = found.views.iter().position(|view| &view.name == ignored);
         let by_number = || ignored.parse::<usize>().ok().filter(|&index| index < keep.len());
         let index = by_name.or_else(by_number).ok_or_else(|| {
-            Error::scene(
-                format!("there is no view `{ignored}` to leave out"),
-                format!("Name a view ({}) or its number.", first_names(found)),
-            )
+            let known = found.views.iter().map(|view| view.name.clone()).collect();
+            Error::UnknownView { name: ignored.clone(), known }
         })?;
         keep[index] = false;
     }
@@ -52,17 +50,10 @@ pub(super) fn select_views(found: &mut Found, options: &ReadOptions) -> Result<(
         }
     }
     if found.views.len() < 2 {
-        return Err(Error::scene(
-            format!("{}: {} of {} views to read", found.root.display(), found.views.len(), keep.len()),
-            "A shape needs at least two views, from different sides; more are better.",
-        ));
+        let (scene, left) = (found.root.display().to_string(), found.views.len());
+        return Err(Error::TooFewViews { scene, left, all: keep.len(), purpose: "to read" });
     }
     Ok(())
-}
-
-fn first_names(found: &Found) -> String {
-    let names: Vec<&str> = found.views.iter().take(5).map(|view| view.name.as_str()).collect();
-    format!("{}{}", names.join(", "), if found.views.len() > 5 { ", ..." } else { "" })
 }
 
 /// Reads all views, in the files' space, with depth in its units; pixels beyond the memory that `options` allow lie in
@@ -73,7 +64,11 @@ fn first_names(found: &Found) -> String {
 /// room for the scratch file.
 pub(super) fn load_views(found: &mut Found, options: &ReadOptions) -> Result<Vec<View>> {
     if options.downscale == 0 {
-        return Err(Error::scene("pictures cannot be scaled down by 0", "Use 1 to keep their size."));
+        return Err(Error::OutOfRange {
+            name: "downscale",
+            value: "0".into(),
+            expected: "at least 1, which keeps the size",
+        });
     }
     let center = match found.place {
         Place::UnitCube => Some(DVec3::ZERO),
@@ -135,10 +130,9 @@ pub(super) fn load_view(view: &FoundView, mirrored: bool, cameras: &Path, option
         depth.iter_mut().for_each(flip_depth);
         projection = flip_projection(projection, width);
     }
-    let mut camera = projection.camera(width, height).map_err(|error| match error {
-        Error::Scene { problem, remedy } => Error::format(cameras, format!("view `{}`: {problem}", view.name), remedy),
-        other => other,
-    })?;
+    let unusable =
+        |source| Error::UnusableCamera { path: cameras.to_owned(), what: format!("view `{}`: ", view.name), source };
+    let mut camera = projection.camera(width, height).map_err(unusable)?;
     // The files' depth is the third coordinate of their projection, in units of its third row.
     depth = depth.map(|depth| depth.scaled(projection.depth_units().recip() as f32));
     let factor = options.downscale;
@@ -176,7 +170,7 @@ fn flip_projection(projection: Projection, width: u32) -> Projection {
 /// nothing else.
 ///
 /// # Errors
-/// [`Error::Scene`] where there are masks and all are empty.
+/// [`Error::MasksEmpty`] where there are masks and all are empty.
 pub(super) fn check_masks(found: &mut Found, views: &[View]) -> Result<()> {
     let named = |test: &dyn Fn(&Mask) -> bool| -> Vec<&str> {
         let tested = views.iter().filter(|view| view.mask.as_ref().is_some_and(test));
@@ -185,10 +179,7 @@ pub(super) fn check_masks(found: &mut Found, views: &[View]) -> Result<()> {
     let empty = named(&|mask| mask.object_pixels() == 0);
     let masks = views.iter().filter(|view| view.mask.is_some()).count();
     if masks > 0 && empty.len() == masks {
-        return Err(Error::scene(
-            format!("{}: all {masks} masks are empty", found.root.display()),
-            "A mask is white (or opaque) where the object is: check that masks are not inverted or of another kind.",
-        ));
+        return Err(Error::MasksEmpty { path: found.root.clone(), masks });
     }
     if masks < views.len() {
         found.warnings.push(format!("{} of {} views have no mask", views.len() - masks, views.len()));

@@ -52,10 +52,10 @@ use crate::scene::Scene;
 /// Reads the scene at `path`, a folder or the file with its cameras, in whatever layout it is.
 ///
 /// # Errors
-/// [`Error::Io`] where a file is missing, [`Error::Format`] where one is damaged or does not fit the others, or where
-/// the temporary folder has no room for what [`ReadOptions::max_memory`] puts there, [`Error::Scene`] where all are
-/// sound but make no usable scene: fewer than two views, only empty masks, no place that agrees with the masks. Each
-/// says what was found and what to do.
+/// [`Error::Io`] where a file is missing, [`Error::Format`] where one is damaged or does not fit the others,
+/// [`Error::Scratch`] where the temporary folder has no room for what [`ReadOptions::max_memory`] puts there. Where all
+/// files are sound but make no usable scene: [`Error::TooFewViews`], [`Error::MasksEmpty`], [`Error::NoPlace`] or
+/// [`Error::Normalisation`]. A picture without a mask is no error: see [`Scene::require_masks`].
 pub fn read_scene(path: &Path, options: &ReadOptions) -> Result<Scene> {
     let format = options.format.map_or_else(|| detect_format(path), Ok)?;
     let mut found = match format {

@@ -91,14 +91,12 @@ impl ObjectDataset {
     /// Lists the objects of the dataset, or of the single category, in the folder `root`.
     ///
     /// # Errors
-    /// As [`list_objects`]; [`Error::Scene`] where there is no object, or a category to keep does not exist.
+    /// As [`list_objects`]; [`Error::NoObjects`] where there is no object, [`Error::UnknownCategory`] where a category to keep does
+    /// not exist.
     pub fn open(root: &Path, options: ObjectOptions) -> Result<Self> {
         let mut objects = list_objects(root, None)?;
         if objects.is_empty() {
-            return Err(Error::scene(
-                format!("{} holds no objects", root.display()),
-                "Give the folder of a dataset: categories, and in these objects with `image` and `cameras.npz`.",
-            ));
+            return Err(Error::NoObjects { path: root.to_owned() });
         }
         keep_categories(&mut objects, &options.categories)?;
         let files = objects.iter().map(|_| OnceLock::new()).collect();
@@ -273,13 +271,10 @@ fn keep_categories(objects: &mut Vec<ObjectRef>, categories: &[String]) -> Resul
     }
     let is = |object: &ObjectRef, category: &String| object.category == *category || object.category_name == *category;
     if let Some(unknown) = categories.iter().find(|category| !objects.iter().any(|object| is(object, category))) {
-        let mut known: Vec<&str> = objects.iter().map(|object| object.category_name.as_str()).collect();
+        let mut known: Vec<String> = objects.iter().map(|object| object.category_name.clone()).collect();
         known.sort_unstable();
         known.dedup();
-        return Err(Error::scene(
-            format!("there is no category `{unknown}`"),
-            format!("There are: {}.", known.join(", ")),
-        ));
+        return Err(Error::UnknownCategory { name: unknown.clone(), known });
     }
     objects.retain(|object| categories.iter().any(|category| is(object, category)));
     Ok(())

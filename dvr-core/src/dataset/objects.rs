@@ -71,7 +71,7 @@ fn object_folders(path: &Path) -> Result<Vec<PathBuf>> {
 /// The folder of the object at `path`: itself, that of its cameras' file, or the only object of a category or dataset.
 ///
 /// # Errors
-/// [`Error::Scene`] listing the objects where there are several.
+/// [`Error::SeveralObjects`] listing the objects where there are several.
 pub(super) fn object_folder(path: &Path) -> Result<PathBuf> {
     if path.is_file() {
         let folder = folder_of(path);
@@ -89,12 +89,8 @@ pub(super) fn object_folder(path: &Path) -> Result<PathBuf> {
         )),
         [only] => Ok(only.clone()),
         several => {
-            let shown: Vec<String> = several.iter().take(5).map(|path| path.display().to_string()).collect();
-            let more = if several.len() > 5 { ", ..." } else { "" };
-            Err(Error::scene(
-                format!("{} holds {} objects", path.display(), several.len()),
-                format!("Name one of them: {}{more}.", shown.join(", ")),
-            ))
+            let objects = several.iter().map(|object| object.display().to_string()).collect();
+            Err(Error::SeveralObjects { path: path.to_owned(), objects })
         }
     }
 }

@@ -50,10 +50,11 @@ impl FromStr for Format {
             "idr" | "neus" => Ok(Self::Idr),
             "middlebury" => Ok(Self::Middlebury),
             "colmap" => Ok(Self::Colmap),
-            _ => Err(Error::scene(
-                format!("`{name}` is no format of scenes"),
-                "Use one of dvr, transforms, idr, middlebury, colmap.",
-            )),
+            _ => Err(Error::UnknownName {
+                what: "format of scenes",
+                name: name.to_owned(),
+                expected: "dvr, transforms, idr, middlebury, colmap",
+            }),
         }
     }
 }
@@ -94,7 +95,9 @@ impl FromStr for BackgroundColor {
             "white" => Ok(Self::White),
             "black" => Ok(Self::Black),
             "border" | "auto" => Ok(Self::Border),
-            _ => Err(Error::scene(format!("`{name}` is no background"), "Use one of white, black, border.")),
+            _ => {
+                Err(Error::UnknownName { what: "background", name: name.to_owned(), expected: "white, black, border" })
+            }
         }
     }
 }

@@ -19,16 +19,14 @@ const TOLERATED_OUTSIDE: f64 = 0.02;
 /// Moves views, ground truth and sparse points from the files' space to object space; returns `object_to_world`.
 ///
 /// # Errors
-/// [`Error::Scene`] where the object cannot be found by its masks, or the files say nothing and nobody may look.
+/// [`Error::Normalisation`] where the object cannot be found by its masks, [`Error::NoPlace`] where the files are to say
+/// where it is and do not.
 pub(super) fn into_object_space(found: &mut Found, views: &mut [View], normalise: Normalise) -> Result<Similarity> {
     let object_to_files = match (normalise, found.place) {
         (Normalise::Auto | Normalise::Files, Place::UnitCube) => Similarity::default(),
         (Normalise::Files, Place::Bound(bound)) => bound,
         (Normalise::Files, Place::Unknown) => {
-            return Err(Error::scene(
-                format!("{}: the {} layout does not say where the object is", found.root.display(), found.format),
-                "Let the masks tell (normalise `auto`), or give a similarity.",
-            ));
+            return Err(Error::NoPlace { path: found.root.clone(), format: found.format });
         }
         (Normalise::Given(object_to_world), _) => compose(&found.files_to_world.inverse(), &object_to_world),
         (Normalise::Auto, Place::Bound(bound)) => match by_masks(views) {
@@ -109,8 +107,8 @@ pub(super) fn check_cube(views: &[View], warnings: &mut Vec<String>) {
     let share = outside as f64 / all.max(1) as f64;
     if share > TOLERATED_OUTSIDE {
         warnings.push(format!(
-            "{:.0} % of the object's pixels look past the unit cube, where nothing can be reconstructed; normalise `hull` \
-             finds the object by its masks",
+            "{:.0} % of the object's pixels look past the unit cube, where nothing can be reconstructed; the visual hull of \
+             its masks may be elsewhere",
             100.0 * share
         ));
     }

@@ -22,19 +22,19 @@ impl ScratchFile {
     /// An empty scratch file.
     ///
     /// # Errors
-    /// [`Error::Format`] where the temporary folder is missing or read-only.
+    /// [`Error::Scratch`] where the temporary folder is missing or read-only.
     pub(crate) fn new() -> Result<Self> {
         let folder = std::env::temp_dir();
-        let file = tempfile::tempfile_in(&folder).map_err(|source| refusal(&folder, &source))?;
+        let file = tempfile::tempfile_in(&folder).map_err(|source| refusal(&folder, source))?;
         Ok(Self { folder, file })
     }
 
     /// Writes `parts` to the end of the file, and gives them back as they lie there.
     ///
     /// # Errors
-    /// [`Error::Format`] where the disk is full, or the system maps no more pieces of files.
+    /// [`Error::Scratch`] where the disk is full, or the system maps no more pieces of files.
     pub(crate) fn keep<const N: usize>(&mut self, parts: [&[u8]; N]) -> Result<[ScratchBytes; N]> {
-        self.append(parts).map_err(|source| refusal(&self.folder, &source))
+        self.append(parts).map_err(|source| refusal(&self.folder, source))
     }
 
     fn append<const N: usize>(&mut self, parts: [&[u8]; N]) -> std::io::Result<[ScratchBytes; N]> {
@@ -54,12 +54,8 @@ impl ScratchFile {
     }
 }
 
-fn refusal(folder: &Path, source: &std::io::Error) -> Error {
-    Error::format(
-        folder,
-        format!("photographs cannot be kept in this temporary folder ({source})"),
-        "Set TMPDIR to a folder on a disk with room for them, or allow more memory.",
-    )
+fn refusal(folder: &Path, source: std::io::Error) -> Error {
+    Error::Scratch { folder: folder.to_owned(), source }
 }
 
 /// Maps `length` bytes of a scratch file from `offset`, read-only.
@@ -102,10 +98,11 @@ mod tests {
     }
 
     #[test]
-    fn a_refusal_names_the_folder_and_the_way_out() {
+    fn a_refusal_names_the_folder_and_what_it_needs() {
         let full = std::io::Error::from(std::io::ErrorKind::StorageFull);
-        let message = refusal("/scratch".as_ref(), &full).to_string();
-        for part in ["/scratch", &full.to_string(), "TMPDIR", "more memory"] {
+        let reason = full.to_string();
+        let message = refusal("/scratch".as_ref(), full).to_string();
+        for part in ["/scratch", &reason, "room", "memory"] {
             assert!(message.contains(part), "{message}");
         }
     }

@@ -118,10 +118,11 @@ impl VisualHull {
     ) -> Result<Self> {
         let size = bounds.size();
         if resolution == 0 || !bounds.min.is_finite() || !size.is_finite() || size.min_element() <= 0.0 {
-            return Err(Error::scene(
-                format!("{resolution} voxels between {} and {} make no grid", bounds.min, bounds.max),
-                "Carve at least one voxel of a box with a positive finite size.",
-            ));
+            return Err(Error::OutOfRange {
+                name: "the grid of a visual hull",
+                value: format!("{resolution} voxels between {} and {}", bounds.min, bounds.max),
+                expected: "at least one voxel of a box with a positive finite size",
+            });
         }
         let mut hull = Self { bounds, resolution, occupied: vec![false; resolution.pow(3)] };
         let carver = carve::Carver { silhouettes, settings, bounds, resolution };

@@ -6,7 +6,7 @@ use super::consistency::{rejected, unexplained};
 use super::silhouette::Silhouette;
 use super::{Bounds, HullSettings, VisualHull};
 use crate::camera::{Camera, Similarity};
-use crate::error::{Error, Result};
+use crate::error::{NormalisationError, Result, name_views};
 use crate::raster::Mask;
 
 /// Edge of the object's box in the unit cube; the rest keeps the surface off the faces while it is learned.
@@ -58,10 +58,7 @@ pub fn normalisation(views: &[(&Camera, Option<&Mask>)]) -> Result<Normalisation
         (views.iter().enumerate()).filter_map(|(i, (camera, mask))| mask.map(|mask| (i, *camera, mask))).collect();
     let (shown, empty): (Vec<_>, Vec<_>) = masks.into_iter().partition(|(_, _, mask)| mask.object_pixels() > 0);
     if shown.len() < 2 {
-        return Err(Error::scene(
-            format!("{} of {} masks show an object", shown.len(), shown.len() + empty.len()),
-            "At least two views must show it: check that the masks are white where the object is.",
-        ));
+        return Err(NormalisationError::TooFewMasks { shown: shown.len(), masks: shown.len() + empty.len() }.into());
     }
     let mut warnings = Vec::new();
     if !empty.is_empty() {
@@ -76,7 +73,7 @@ pub fn normalisation(views: &[(&Camera, Option<&Mask>)]) -> Result<Normalisation
 
     let found = search(&silhouettes, region)?.filter(|found| found.typically_unexplained() < 0.5);
     let Some((found, region)) = found.and_then(|found| tightened(&found.hull).map(|region| (found, region))) else {
-        return Err(disagreement(&silhouettes, region, &shown)?);
+        return Err(disagreement(&silhouettes, region, &shown)?.into());
     };
     warnings.extend(found.warnings(&silhouettes, &shown));
     let hull = VisualHull::carve_silhouettes(&silhouettes, region, FINAL_RESOLUTION, &found.settings)?;
@@ -99,7 +96,7 @@ pub fn normalisation_by_cameras(cameras: &[&Camera]) -> Result<Similarity> {
             (ray.origin, ray.direction.normalize())
         })
         .collect();
-    let center = nearest_to_rays(&axes).ok_or_else(parallel)?;
+    let center = nearest_to_rays(&axes).ok_or(NormalisationError::ParallelCameras)?;
     let mut radii: Vec<f64> = (cameras.iter())
         .filter_map(|camera| {
             let focal = camera.intrinsics.x_axis.x.max(camera.intrinsics.y_axis.y);
@@ -112,22 +109,8 @@ pub fn normalisation_by_cameras(cameras: &[&Camera]) -> Result<Similarity> {
         Some(&radius) if radius.is_finite() && radius > 0.0 => {
             Ok(Similarity { scale: 2.0 * radius, rotation: DQuat::IDENTITY, translation: center })
         }
-        _ => Err(behind()),
+        _ => Err(NormalisationError::BehindCameras.into()),
     }
-}
-
-fn parallel() -> Error {
-    Error::scene(
-        "all cameras look along the same direction, so nothing tells how far the object is",
-        "Add views from other sides, or check the cameras.",
-    )
-}
-
-fn behind() -> Error {
-    Error::scene(
-        "the object would lie behind the cameras",
-        "Check that the cameras look along +z (OpenCV), and that the poses are not inverted.",
-    )
 }
 
 /// The cube in which the search begins: around the point nearest to the rays through the masks' centroids, as large
@@ -142,7 +125,7 @@ fn starting_region(views: &[(&Camera, &Mask)]) -> Result<Bounds> {
             (ray.origin, ray.direction.normalize())
         })
         .collect();
-    let center = nearest_to_rays(&rays).ok_or_else(parallel)?;
+    let center = nearest_to_rays(&rays).ok_or(NormalisationError::ParallelCameras)?;
     let mut radii: Vec<f64> = views
         .iter()
         .zip(&extents)
@@ -155,7 +138,7 @@ fn starting_region(views: &[(&Camera, &Mask)]) -> Result<Bounds> {
     radii.sort_by(f64::total_cmp);
     match radii.get(radii.len() / 2) {
         Some(&radius) if radius.is_finite() && radius > 0.0 => Ok(Bounds::cube(center, 1.25 * radius)),
-        _ => Err(behind()),
+        _ => Err(NormalisationError::BehindCameras.into()),
     }
 }
 
@@ -372,9 +355,9 @@ fn disagreements(silhouettes: &[Silhouette], hull: &VisualHull, settings: &HullS
 }
 
 /// The error for masks that agree nowhere: names the views that are farthest from the first consensus found.
-fn disagreement(silhouettes: &[Silhouette], region: Bounds, shown: &[usize]) -> Result<Error> {
+fn disagreement(silhouettes: &[Silhouette], region: Bounds, shown: &[usize]) -> Result<NormalisationError> {
     let views = silhouettes.len();
-    let mut message = format!("the masks of {views} views agree on no place in space");
+    let mut odd: Vec<usize> = Vec::new();
     for max_disagreeing in 0..views.saturating_sub(1) {
         let settings = HullSettings { max_disagreeing, min_seeing: 2, ..HullSettings::default() };
         let hull = VisualHull::carve_silhouettes(silhouettes, region, SEARCH_RESOLUTION, &settings)?;
@@ -384,29 +367,9 @@ fn disagreement(silhouettes: &[Silhouette], region: Bounds, shown: &[usize]) -> 
         let mut ranked: Vec<(f64, usize)> =
             rejected(silhouettes, &hull, &settings).into_iter().zip(shown.iter().copied()).collect();
         ranked.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
-        let mut odd: Vec<usize> =
-            ranked.into_iter().take_while(|(share, _)| *share > 0.25).map(|(_, view)| view).take(5).collect();
+        odd = ranked.into_iter().take_while(|(share, _)| *share > 0.25).map(|(_, view)| view).take(5).collect();
         odd.sort_unstable();
-        if !odd.is_empty() {
-            message = format!("{message}; {} most", name_views(&odd, "disagrees", "disagree"));
-        }
         break;
     }
-    Ok(Error::scene(
-        message,
-        "Check that masks and cameras belong to the same pictures, that masks are white on the object, and the cameras' \
-         convention.",
-    ))
-}
-
-/// "view 3 has", "views 3, 4 and 7 have".
-fn name_views(views: &[usize], singular: &str, plural: &str) -> String {
-    match views {
-        [] => String::new(),
-        [one] => format!("view {one} {singular}"),
-        [rest @ .., last] => {
-            let rest: Vec<String> = rest.iter().map(usize::to_string).collect();
-            format!("views {} and {last} {plural}", rest.join(", "))
-        }
-    }
+    Ok(NormalisationError::Disagreement { views, odd })
 }

@@ -52,13 +52,8 @@ impl Silhouette {
     fn new(index: usize, camera: &Camera, mask: &Mask) -> Result<Self> {
         let (width, height) = mask.size();
         if (width, height) != (camera.width, camera.height) || width == 0 || height == 0 {
-            return Err(Error::scene(
-                format!(
-                    "view {index}: the mask has {width}x{height} pixels and the camera's image {}x{}",
-                    camera.width, camera.height
-                ),
-                "Every view needs a mask of its image's size.",
-            ));
+            let (mask, camera) = ((width, height), (camera.width, camera.height));
+            return Err(Error::MaskSize { view: index, mask, camera });
         }
         let projection = camera.intrinsics * camera.rotation;
         let offset = camera.intrinsics * camera.translation;

@@ -45,7 +45,7 @@ struct Mistakes {
 /// single views the object's edges may look like the background.
 ///
 /// # Errors
-/// [`Error::Format`](crate::Error::Format) where the temporary folder has no room for the scratch file.
+/// [`Error::Scratch`](crate::Error::Scratch) where the temporary folder has no room for the scratch file.
 pub fn refine_masks(scene: &mut Scene) -> Result<MaskReport> {
     let mistakes: Vec<Option<Mistakes>> = scene.views.par_iter().map(mistakes_of_view).collect();
     let looked_at = mistakes.iter().flatten().count();

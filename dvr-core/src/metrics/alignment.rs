@@ -31,10 +31,10 @@ const DAMPING: f64 = 1e-9;
 pub fn align_to_surface(points: &PointCloud, truth: &PointCloud) -> Result<Similarity> {
     let positions: Vec<[f64; 3]> = truth.points.iter().map(|point| point.as_dvec3().to_array()).collect();
     let (Some(normals), Ok(tree)) = (&truth.normals, ImmutableKdTree::<f64, 3>::new_from_slice(&positions)) else {
-        return Err(Error::scene("the true surface has no normals or no points to align to", "Sample it again."));
+        return Err(Error::NothingToAlign { problem: "the true surface has no normals or no points" });
     };
     if points.points.is_empty() || positions.is_empty() {
-        return Err(Error::scene("there are no points to align", "Sample the surface again."));
+        return Err(Error::NothingToAlign { problem: "there are no points" });
     }
     let start: Vec<DVec3> = points.points.iter().map(|point| point.as_dvec3()).collect();
     let mut alignment = Similarity::default();

@@ -4,7 +4,7 @@ pub mod alignment;
 pub mod picture;
 pub mod shape;
 
-use crate::error::{Error, Result};
+use crate::error::{ComparisonError, Result};
 
 /// Intersection over union of two sets, given by whether each item (a pixel, a point) belongs to them.
 ///
@@ -14,10 +14,7 @@ use crate::error::{Error, Result};
 /// When the two have different lengths.
 pub fn intersection_over_union(predicted: &[bool], truth: &[bool]) -> Result<f64> {
     if predicted.len() != truth.len() {
-        return Err(Error::scene(
-            format!("{} predicted items cannot be compared with {} true ones", predicted.len(), truth.len()),
-            "Compare at the same points.",
-        ));
+        return Err(ComparisonError::Lengths { predicted: predicted.len(), truth: truth.len() }.into());
     }
     let count = |holds: fn(bool, bool) -> bool| predicted.iter().zip(truth).filter(|&(&a, &b)| holds(a, b)).count();
     let union = count(|a, b| a || b);

@@ -3,7 +3,7 @@
 use image::RgbImage;
 
 use super::intersection_over_union;
-use crate::error::{Error, Result};
+use crate::error::{ComparisonError, Result};
 use crate::raster::Mask;
 
 /// Side of the SSIM's window in pixels, and the standard deviation of its Gaussian (Wang et al. 2004).
@@ -49,7 +49,7 @@ pub fn ssim(predicted: &RgbImage, truth: &RgbImage) -> Result<f64> {
     same_size(predicted.dimensions(), truth.dimensions())?;
     let (width, height) = (truth.width() as usize, truth.height() as usize);
     if width == 0 || height == 0 {
-        return Err(Error::scene("a picture without pixels has no structure to compare", "Compare larger pictures."));
+        return Err(ComparisonError::NoPixels.into());
     }
     let channel = |picture: &RgbImage, c: usize| -> Vec<f64> {
         picture.pixels().map(|pixel| f64::from(pixel.0[c]) / 255.0).collect()
@@ -111,16 +111,7 @@ fn gaussian(length: usize) -> Vec<f64> {
 }
 
 fn same_size(predicted: (u32, u32), truth: (u32, u32)) -> Result<()> {
-    if predicted == truth {
-        return Ok(());
-    }
-    Err(Error::scene(
-        format!(
-            "a picture of {}x{} pixels cannot be compared with one of {}x{}",
-            predicted.0, predicted.1, truth.0, truth.1
-        ),
-        "Render at the size of the photograph.",
-    ))
+    if predicted == truth { Ok(()) } else { Err(ComparisonError::Sizes { predicted, truth }.into()) }
 }
 
 #[cfg(test)]

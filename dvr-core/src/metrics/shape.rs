@@ -11,7 +11,7 @@ use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
-use crate::error::{Error, Result};
+use crate::error::{ComparisonError, Result};
 use crate::mesh::Mesh;
 use crate::points::PointCloud;
 use crate::sampling::sample_surface;
@@ -92,7 +92,7 @@ pub fn surface_floor(truth: &Mesh, count: usize, thresholds: &[f64], seed: u64) 
     let sample = |seed| PointCloud::from(sample_surface(truth, count, seed));
     let (a, b) = (sample(seed), sample(seed.wrapping_add(1)));
     if a.points.is_empty() {
-        return Err(Error::scene("the true mesh has no area to sample", "Check the ground truth."));
+        return Err(ComparisonError::NoArea.into());
     }
     score_surface(&a, &b, thresholds)
 }
@@ -110,10 +110,7 @@ pub fn surface_floor(truth: &Mesh, count: usize, thresholds: &[f64], seed: u64) 
 pub fn cloud_floor(truth: &PointCloud, predicted: usize, thresholds: &[f64], seed: u64) -> Result<ShapeScore> {
     let count = truth.points.len();
     if count < 2 || predicted == 0 {
-        return Err(Error::scene(
-            format!("a cloud of {count} points, against {predicted} predicted ones, has no floor"),
-            "Sample the true surface with more points.",
-        ));
+        return Err(ComparisonError::NoFloor { points: count, predicted }.into());
     }
     let mut order: Vec<usize> = (0..count).collect();
     order.shuffle(&mut ChaCha8Rng::seed_from_u64(seed));
@@ -149,7 +146,7 @@ struct Distances {
 }
 
 impl<'a> Surface<'a> {
-    fn new(which: &str, cloud: &'a PointCloud) -> Result<Self> {
+    fn new(which: &'static str, cloud: &'a PointCloud) -> Result<Self> {
         let problem = if cloud.normals.as_ref().is_some_and(|normals| normals.len() != cloud.points.len()) {
             "has another number of normals than of points"
         } else if !cloud.points.iter().all(|point| point.is_finite()) {
@@ -161,7 +158,7 @@ impl<'a> Surface<'a> {
             let tree = if points.is_empty() { None } else { ImmutableKdTree::new_from_slice(&points).ok() };
             return Ok(Self { cloud, tree });
         };
-        Err(Error::scene(format!("the {which} surface {problem}"), "Sample it again."))
+        Err(ComparisonError::Surface { which, problem }.into())
     }
 
     fn toward(&self, other: &Self) -> Distances {

@@ -77,7 +77,7 @@ impl SynthConfig {
     /// Refuses what cannot be rendered, before anything is.
     ///
     /// # Errors
-    /// [`Error::Scene`] with the name of the value that is out of range.
+    /// [`Error::OutOfRange`] with the name of the value that is out of range.
     pub fn check(&self) -> Result<()> {
         let positive = [
             ("views", self.views as f64),
@@ -95,16 +95,21 @@ impl SynthConfig {
         ];
         let wrong = positive.iter().find(|(_, v)| !v.is_finite() || *v <= 0.0);
         if let Some((name, value)) = wrong.or(not_negative.iter().find(|(_, v)| !v.is_finite() || *v < 0.0)) {
-            return Err(Error::scene(format!("`{name}` is {value}"), format!("Give a sensible value for `{name}`.")));
+            let expected = "a positive finite number (jitter and noise may be 0)";
+            return Err(Error::OutOfRange { name, value: value.to_string(), expected });
         }
         if self.object_edge > 1.0 {
-            let problem = format!("`object_edge` is {}, larger than the unit cube", self.object_edge);
-            return Err(Error::scene(problem, "Give a value of at most 1."));
+            let (name, value) = ("object_edge", self.object_edge.to_string());
+            return Err(Error::OutOfRange { name, value, expected: "at most 1, the edge of the unit cube" });
         }
         // The corner of the cube is sqrt(3)/2 away: a camera inside the object's ball sees no silhouette.
         if self.distance <= 0.5 * 3f64.sqrt() * self.object_edge {
-            let problem = format!("`distance` is {}: cameras would stand inside the object", self.distance);
-            return Err(Error::scene(problem, "Give a distance of at least 1."));
+            let (name, value) = ("distance", self.distance.to_string());
+            return Err(Error::OutOfRange {
+                name,
+                value,
+                expected: "at least 1, so that cameras stand outside the object",
+            });
         }
         Ok(())
     }

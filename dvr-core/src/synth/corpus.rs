@@ -61,7 +61,7 @@ pub struct CorpusReport {
 /// object of a category is in all three lists. `progress` is told how many objects are done, and of how many.
 ///
 /// # Errors
-/// [`Error::Scene`] where the configuration is unusable or two objects share a name; [`Error::Io`] where something
+/// [`Error::OutOfRange`] where the configuration is unusable, [`Error::AlreadyThere`] where two objects share a name; [`Error::Io`] where something
 /// cannot be written.
 pub fn render_corpus(
     objects: &[CorpusObject],
@@ -73,8 +73,7 @@ pub fn render_corpus(
     config.check()?;
     let mut seen = HashSet::new();
     if let Some(twice) = objects.iter().find(|o| !seen.insert((&o.category, &o.name))) {
-        let problem = format!("two objects are called {}/{}", twice.category, twice.name);
-        return Err(Error::scene(problem, "Give every object of a category a name of its own."));
+        return Err(Error::AlreadyThere { name: format!("{}/{}", twice.category, twice.name) });
     }
     let mut report = CorpusReport::default();
     let mut categories: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
@@ -116,7 +115,7 @@ fn render_one(object: &CorpusObject, out: &Path, config: &SynthConfig, report: &
             report.rendered.push(title);
             Ok(true)
         }
-        Err(problem @ Error::Scene { .. }) => {
+        Err(problem @ (Error::NoExtent { .. } | Error::FolderName { .. } | Error::AlreadyThere { .. })) => {
             report.skipped.push((title, problem));
             Ok(false)
         }

@@ -31,7 +31,7 @@ use crate::sampling::{sample_cube, sample_surface};
 /// whether each is inside by its winding number, so that overlapping parts are united and small holes are closed).
 ///
 /// # Errors
-/// [`Error::Scene`] where the mesh has no extent, the configuration or a name is unusable, or the folder is there
+/// Where the mesh has no extent, the configuration or a name is unusable, or the folder is there
 /// already; [`Error::Io`] where something cannot be written.
 pub fn render_dataset(
     mesh: &TexturedMesh,
@@ -60,8 +60,7 @@ pub(super) fn render_object(
     check_name("category", category)?;
     let folder = out.join(category).join(name);
     if folder.exists() {
-        let problem = format!("{} is there already", folder.display());
-        return Err(Error::scene(problem, "Delete it, or choose another name or folder."));
+        return Err(Error::AlreadyThere { name: folder.display().to_string() });
     }
     let (mesh, object_to_world) = normalized(mesh, config.object_edge)?;
     let partial = PartialFolder::create(out.join(category).join(format!(".{name}.partial")))?;
@@ -73,7 +72,7 @@ pub(super) fn render_object(
 /// The mesh in object space, its longest edge `edge`, and the way back to its own units.
 ///
 /// # Errors
-/// [`Error::Scene`] where the faces have no extent.
+/// [`Error::NoExtent`] where the faces have no extent.
 pub(super) fn normalized(textured: &TexturedMesh, edge: f64) -> Result<(TexturedMesh, Similarity)> {
     // Vertices that no face uses are not to be seen.
     let used = || textured.mesh.faces.iter().flatten().map(|&i| textured.mesh.vertices[i as usize].as_dvec3());
@@ -81,8 +80,7 @@ pub(super) fn normalized(textured: &TexturedMesh, edge: f64) -> Result<(Textured
     let high = used().fold(DVec3::NEG_INFINITY, DVec3::max);
     let longest = (high - low).max_element();
     if !longest.is_finite() || longest <= 0.0 {
-        let count = textured.mesh.faces.len();
-        return Err(Error::scene(format!("a mesh of {count} faces has no extent"), "Give a mesh with a surface."));
+        return Err(Error::NoExtent { faces: textured.mesh.faces.len() });
     }
     let object_to_world =
         Similarity { scale: longest / edge, translation: 0.5 * (low + high), ..Similarity::default() };
@@ -104,7 +102,7 @@ fn write_views(
     cameras.par_iter().enumerate().try_for_each(|(i, camera)| {
         write_view(folder, i, renderer.render(camera, i as u64), object_to_world, config)?;
         progress(done.fetch_add(1, Ordering::Relaxed) + 1, cameras.len());
-        Ok(())
+        Ok::<(), Error>(())
     })?;
     write_cameras(&folder.join("cameras.npz"), &cameras, object_to_world)
 }
@@ -139,7 +137,7 @@ pub struct Shot {
 /// true shape of `mesh` beside them; everything in object space. A folder of that name is replaced.
 ///
 /// # Errors
-/// [`Error::Scene`] where a name is unusable; [`Error::Io`] where something cannot be written.
+/// [`Error::FolderName`] where a name is unusable; [`Error::Io`] where something cannot be written.
 pub fn write_shots(
     shots: Vec<Shot>,
     mesh: &Mesh,

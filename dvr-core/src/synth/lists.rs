@@ -11,11 +11,10 @@ pub(super) const LISTS: [(Split, &str); 3] =
     [(Split::Train, "train.lst"), (Split::Val, "val.lst"), (Split::Test, "test.lst")];
 
 /// Refuses names that would lead out of the dataset's folder, hide a folder or break a list.
-pub(super) fn check_name(what: &str, name: &str) -> Result<()> {
+pub(super) fn check_name(what: &'static str, name: &str) -> Result<()> {
     let unusable = |c: char| matches!(c, '/' | '\\') || c.is_control();
     if name.trim() != name || name.is_empty() || name.starts_with('.') || name.contains(unusable) {
-        let problem = format!("`{name}` cannot be the name of a folder for the {what}");
-        return Err(Error::scene(problem, "Use letters, digits, `-` and `_`."));
+        return Err(Error::FolderName { what, name: name.to_owned() });
     }
     Ok(())
 }

@@ -115,8 +115,9 @@ impl BatchDrawer {
     pub fn new(dataset: Arc<ObjectDataset>, config: ObjectsConfig) -> Result<Self> {
         let objects = dataset.of_split(Split::Train);
         if objects.is_empty() {
-            return Err(dvr_core::Error::scene(
-                format!("{} has no objects to train on", dataset.root().display()),
+            return Err(dvr_core::Error::format(
+                dataset.root(),
+                "there are no objects to train on",
                 "Name them in `train.lst`, one a line, in the folder of each category.",
             )
             .into());

@@ -74,10 +74,15 @@ fn truncated_files() {
 }
 
 #[test]
-fn missing_masks() {
+fn a_missing_mask_is_refused_by_what_needs_one() {
     let (_, folder) = dvr();
     std::fs::remove_file(folder.path().join("mask/0004.png")).unwrap();
-    refused(folder.path(), &["image/0004.png", "no mask", "alpha", "`mask`", "background"]);
+    let scene = read(folder.path());
+    assert!(scene.views.iter().all(|view| view.mask.is_some() == (view.name != "0004")));
+    let error = scene.require_masks().unwrap_err().to_string();
+    for part in ["view `0004` has no mask", "alpha", "`mask`", "background"] {
+        assert!(error.contains(part), "{error}");
+    }
 }
 
 #[test]
