@@ -4,6 +4,7 @@
 //! environment variables live here alone. One function per error type; variants that hold another library's error pass
 //! it on. A new remedy is one arm and, in `tests/bad_input.rs`, one assertion.
 
+use dvr_report::Diagnostic;
 use dvr_train::Error as TrainError;
 
 /// The remedy for the first cause in the chain that has one: one or two sentences with their full stops.
@@ -87,6 +88,22 @@ fn of_report(error: &dvr_report::Error) -> Option<String> {
     match error {
         Error::Run(error) => of_train(error),
         Error::Core(error) => of_core(error),
+        Error::NotFinished { .. } => {
+            Some("Give the folder of a finished run. `dvr train --resume --out RUN` finishes one.".into())
+        }
+        Error::Damaged { .. } => Some("Make the run again, or its evaluation.".into()),
+        Error::Curves { .. } => Some("Move the file away to report without curves.".into()),
+        Error::Picture(_) => None,
+    }
+}
+
+/// What to do about a diagnostic of a report.
+pub fn remedy_of_diagnostic(diagnostic: &Diagnostic) -> Option<String> {
+    match diagnostic {
+        Diagnostic::NoMesh => Some("`dvr info SCENE` checks both.".into()),
+        Diagnostic::SceneMissing => Some("`dvr report RUN --data SCENE` gives its new place.".into()),
+        Diagnostic::MeshBehindField { .. } => Some("Try `dvr mesh RUN --resolution 512`.".into()),
+        Diagnostic::MaskDisagrees { view, .. } => Some(format!("Leave it out with --ignore {view}.")),
         _ => None,
     }
 }

@@ -5,8 +5,8 @@ use std::path::Path;
 use crate::chart::{Axis, Chart, Scale, Series};
 use crate::error::{Error, Result};
 
-/// Columns that are no terms of the loss.
-const NO_TERMS: [&str; 9] = [
+/// Columns of `metrics.csv` that are not terms of the loss; all others are drawn as terms.
+const NOT_TERMS: [&str; 10] = [
     "step",
     "seconds",
     "loss",
@@ -16,6 +16,7 @@ const NO_TERMS: [&str; 9] = [
     "held_out_psnr",
     "held_out_mask_iou",
     "cpu_seconds",
+    "chamfer_l1",
 ];
 
 /// The columns of a `metrics.csv`.
@@ -27,19 +28,15 @@ pub struct Curves {
 }
 
 impl Curves {
-    /// Reads them; none where the file is not there, as in a run without steps.
+    /// Reads the file; empty where there is none, as in a run without steps.
     ///
     /// # Errors
-    /// When the file is no CSV.
+    /// [`Error::Curves`] when the file is not CSV.
     pub fn read(path: &Path) -> Result<Self> {
         if !path.exists() {
             return Ok(Self::default());
         }
-        let broken = |e: csv::Error| Error::NotARun {
-            path: path.to_owned(),
-            problem: format!("the file cannot be read ({e})"),
-            remedy: "Move it away, and the report is made without curves.".into(),
-        };
+        let broken = |source| Error::Curves { path: path.to_owned(), source };
         let mut reader = csv::ReaderBuilder::new().flexible(true).from_path(path).map_err(broken)?;
         let names = reader.headers().map_err(broken)?.iter().map(str::to_owned).collect();
         let number = |text: &str| text.parse().ok().filter(|value: &f64| value.is_finite());
@@ -57,7 +54,7 @@ impl Curves {
 
     /// Names of the terms of the loss that were ever other than zero.
     fn terms(&self) -> Vec<&str> {
-        let names = self.names.iter().map(String::as_str).filter(|name| !NO_TERMS.contains(name));
+        let names = self.names.iter().map(String::as_str).filter(|name| !NOT_TERMS.contains(name));
         names.filter(|name| self.pairs("step", name).iter().any(|[_, value]| *value != 0.0)).collect()
     }
 }
@@ -67,9 +64,9 @@ fn time() -> Axis {
     Axis::linear("training time, s")
 }
 
-/// The charts of some runs, each with its name: loss, held-out PSNR, silhouettes; of a single run also the terms of its
-/// loss.
-pub fn charts(runs: &[(&str, &Curves)]) -> Vec<Chart> {
+/// The charts of some runs, each with its name: loss, held-out PSNR, Chamfer-L1, silhouettes; of a single run also the
+/// terms of its loss.
+pub(crate) fn charts(runs: &[(&str, &Curves)]) -> Vec<Chart> {
     let of = |column: &str| -> Vec<Series> {
         let series = runs
             .iter()
@@ -79,7 +76,8 @@ pub fn charts(runs: &[(&str, &Curves)]) -> Vec<Chart> {
     };
     let chart = |title: &str, y: Axis, series| Chart { title: title.into(), x: time(), y, series, pareto: None };
     let mut charts = vec![chart("Loss in training", Axis::log("loss (weighted sum)"), of("loss"))];
-    charts.push(chart("Views that were held out", Axis::linear("PSNR, dB"), of("held_out_psnr")));
+    charts.push(chart("Held-out views", Axis::linear("PSNR, dB"), of("held_out_psnr")));
+    charts.push(chart("Chamfer-L1", Axis::log("edges of the object cube"), of("chamfer_l1")));
     let iou = Axis { title: "intersection over union".into(), scale: Scale::Linear, range: None };
     if let [(_, curves)] = runs {
         let of_run = |name: &str, column, color| Series::line(name, curves.pairs("seconds", column)).colored(color);
@@ -100,19 +98,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_columns_of_a_run_become_charts_and_holes_stay_holes() {
+    fn columns_become_charts_and_missing_values_stay_missing() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("metrics.csv");
-        let text =
-            "step,seconds,loss,mask_iou,color,depth,held_out_psnr\n10,0.5,2.0,0.8,1.5,0,\n20,1.0,1.0,0.9,0.7,0,21.5\n";
+        let text = "step,seconds,loss,mask_iou,color,depth,held_out_psnr,chamfer_l1\n10,0.5,2.0,0.8,1.5,0,,\n20,1.0,1.0,0.9,0.7,0,21.5,0.01\n";
         std::fs::write(&path, text).unwrap();
         let curves = Curves::read(&path).unwrap();
         assert_eq!(curves.pairs("seconds", "held_out_psnr"), [[1.0, 21.5]]);
         assert_eq!(curves.terms(), ["color"]);
         let titles: Vec<String> = charts(&[("a", &curves)]).into_iter().map(|chart| chart.title).collect();
-        assert_eq!(titles, ["Loss in training", "Views that were held out", "Silhouettes", "Terms of the loss"]);
+        assert_eq!(titles, ["Loss in training", "Held-out views", "Silhouettes", "Terms of the loss"]);
         let both = charts(&[("a", &curves), ("b", &curves)]);
-        assert!(both.iter().all(|chart| chart.series.len() == 2) && both.len() == 2);
+        assert!(both.iter().all(|chart| chart.series.len() == 2) && both.len() == 3);
         assert!(charts(&[("none", &Curves::read(&folder.path().join("nowhere.csv")).unwrap())]).is_empty());
     }
 }

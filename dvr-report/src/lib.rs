@@ -1,7 +1,8 @@
-//! Reports of reconstructions: one HTML file that needs no network, with the mesh to turn around, held-out views beside
-//! their renders, charts, settings, and what the reader should know before believing any of it.
+//! Reports of reconstructions: one HTML file that needs no network, with the mesh in 3D, held-out views beside their
+//! renders, charts, settings, and diagnostics that the reader should know before trusting the mesh.
 //!
-//! The pieces are useful alone: [`chart`] draws SVG and writes CSV, and a [`Page`] holds whatever sections it is given.
+//! [`run_report`] makes the page of one run, or of several side by side, from their folders. Its parts are useful alone:
+//! [`chart`] draws SVG and writes CSV, [`Curves`] reads `metrics.csv`, and a [`Page`] holds any sections.
 //!
 //! ```
 //! use dvr_report::chart::{Axis, Chart, Series};
@@ -27,26 +28,23 @@
 #![warn(missing_docs)]
 
 pub mod chart;
-mod compare;
+mod coverage;
 mod curves;
+mod diagnostics;
 mod error;
-mod findings;
-pub mod html;
+mod html;
 mod mesh_data;
 mod page;
 mod pictures;
+mod report;
 mod run_section;
 mod settings;
-mod story;
-mod surface;
+mod side_by_side;
+mod summary;
 
-pub use compare::{MAX_BYTES, SourceRun, run_report};
 pub use curves::Curves;
+pub use diagnostics::Diagnostic;
 pub use error::{Error, Result};
-pub use findings::Findings;
-pub use mesh_data::{EncodedMesh, encode};
 pub use page::{Page, Section, table};
-pub use pictures::{ViewPictures, view_pictures};
-pub use settings::Settings;
-pub use story::{Budget, Figures, RunStory, SceneFacts};
-pub use surface::Coverage;
+pub use report::{ReportWords, SourceRun, run_report};
+pub use run_section::Remedy;

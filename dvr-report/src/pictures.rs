@@ -1,5 +1,4 @@
-//! Held-out views as a page shows them: the photograph, what the mesh shows there, its depth, its normals, and where
-//! they differ.
+//! Held-out views as a page shows them: the photograph, the render of the mesh, depth, normals, and their difference.
 
 use std::io::Cursor;
 
@@ -20,7 +19,7 @@ use crate::error::Result;
 /// Quality of photographs and renders, of 100.
 const QUALITY: u8 = 86;
 
-/// Difference, as a share of the full range, from which the map of errors is of its last colour.
+/// Difference, as a share of the full range, from which the error map has its last colour.
 pub const LARGEST_ERROR: f32 = 0.25;
 
 /// One view; pictures are `data:` addresses.
@@ -32,7 +31,7 @@ pub struct ViewPictures {
     pub size: (u32, u32),
     /// The photograph, white around the object.
     pub photo: String,
-    /// What the shader shows, on white.
+    /// The render, on white.
     pub render: String,
     /// Depth in colours, near bright, clear around the object.
     pub depth: String,
@@ -136,7 +135,7 @@ fn error_map(photo: &RgbImage, render: &RgbImage) -> RgbaImage {
         let (a, b) = (photo.get_pixel(u, v).0, render.get_pixel(u, v).0);
         let difference = (0..3).map(|c| f32::from(a[c].abs_diff(b[c]))).sum::<f32>() / (3.0 * 255.0);
         let share = (difference / LARGEST_ERROR).min(1.0);
-        // Sixteen steps are all that the eye tells apart, and a tenth of the bytes.
+        // Sixteen steps look the same and take a tenth of the bytes.
         let share = (share * 16.0).round() / 16.0;
         let Rgb([r, g, b]) = blend(&SCALE, share);
         Rgba([r, g, b, (255.0 * (share * 5.0).min(1.0)) as u8])

@@ -1,16 +1,16 @@
-//! What a run was told that nobody else is: its settings beside the defaults.
+//! The settings of a run beside the defaults of its method.
 
 use dvr_train::{GridConfig, Method, ObjectsConfig, TrainConfig};
 use serde_json::Value;
 
 use crate::error::Result;
 
-/// A method's settings beside those of the preset that they are nearest to.
+/// A method's settings beside those of the preset with the fewest differences.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
-    /// The preset, as `--method` names it.
+    /// The preset: a method by its name.
     pub preset: &'static str,
-    /// Settings that are not the preset's: key, value, what the preset has.
+    /// Settings that differ: key, value, the preset's value.
     pub changed: Vec<[String; 3]>,
     /// The whole configuration, as JSON for people.
     pub whole: String,
@@ -20,7 +20,7 @@ impl Settings {
     /// Finds the preset that needs the fewest changes.
     ///
     /// # Errors
-    /// When the configuration is no JSON.
+    /// When the configuration cannot be written as JSON.
     pub fn new(method: &Method) -> Result<Self> {
         let supervision = method.supervision();
         let presets = match method {
@@ -56,7 +56,7 @@ fn value(json: &str) -> Value {
     serde_json::from_str(json).unwrap_or(Value::Null)
 }
 
-/// Collects what differs, by the dotted keys that `--set` takes.
+/// Collects what differs, by dotted keys.
 fn compare(own: &Value, preset: &Value, path: &str, changed: &mut Vec<[String; 3]>) {
     if own == preset {
         return;
@@ -79,7 +79,7 @@ mod tests {
     use dvr_train::{Capacity, Supervision};
 
     #[test]
-    fn only_what_differs_from_the_nearest_preset_is_told() {
+    fn only_what_differs_from_the_nearest_preset_is_listed() {
         let defaults = Settings::new(&Method::Grid(GridConfig::new(Supervision::RgbDepth))).unwrap();
         assert_eq!((defaults.preset, defaults.changed.len()), ("grid", 0));
         assert_eq!(Settings::new(&Method::Grid(GridConfig::hull())).unwrap().preset, "hull");

@@ -1,4 +1,4 @@
-//! `dvr report`: runs as a page for a browser.
+//! `dvr report`: runs as an HTML page.
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -6,12 +6,13 @@ use std::process::ExitCode;
 use anyhow::Result;
 use dvr_core::Scene;
 use dvr_core::files::write_bytes_atomically;
-use dvr_report::{SourceRun, run_report};
+use dvr_report::{ReportWords, SourceRun, run_report};
 use dvr_train::{Checkpoint, CheckpointHeader, Method, Observer, RunFolder};
 
 use super::scene_of_run;
 use crate::args::ReportArgs;
 use crate::progress::Progress;
+use crate::remedy::remedy_of_diagnostic;
 
 /// Reads the runs and their scenes, and writes the page.
 pub fn run(args: &ReportArgs) -> Result<ExitCode> {
@@ -21,7 +22,7 @@ pub fn run(args: &ReportArgs) -> Result<ExitCode> {
     for (i, path) in args.runs.iter().enumerate() {
         let folder = RunFolder::new(path);
         let checkpoint = folder.load()?;
-        let scene = scene_at_hand(&checkpoint, args.data.as_ref(), &mut progress)?;
+        let scene = scene_if_found(&checkpoint, args.data.as_ref(), &mut progress)?;
         sources.push((folder, checkpoint.header, scene));
         progress.progress(i + 1, &path.display().to_string());
     }
@@ -46,16 +47,17 @@ pub fn run(args: &ReportArgs) -> Result<ExitCode> {
 
 /// Writes the page of some runs.
 pub fn write_report(runs: &[SourceRun], out: &Path) -> Result<()> {
-    Ok(write_bytes_atomically(out, run_report(runs, &program())?.as_bytes())?)
+    let words = ReportWords { program: &program(), remedy: &remedy_of_diagnostic };
+    Ok(write_bytes_atomically(out, run_report(runs, &words)?.as_bytes())?)
 }
 
-/// What made a page, for its last line.
-pub fn program() -> String {
+/// Name, version and commit of this program.
+fn program() -> String {
     format!("dvr {} ({})", env!("CARGO_PKG_VERSION"), env!("DVR_COMMIT"))
 }
 
-/// The scene of a run; where it is gone and nobody says where it is now, the report does without.
-fn scene_at_hand(checkpoint: &Checkpoint, moved: Option<&PathBuf>, progress: &mut Progress) -> Result<Option<Scene>> {
+/// The scene of a run. Without --data, a scene that cannot be read is left out of the report.
+fn scene_if_found(checkpoint: &Checkpoint, moved: Option<&PathBuf>, progress: &mut Progress) -> Result<Option<Scene>> {
     if let Method::Objects(_) = checkpoint.header.method {
         return Ok(None);
     }

@@ -2,13 +2,16 @@
 
 use std::fmt::Write;
 
-use super::{PALETTE, Series};
+use super::series::Series;
 use crate::html::escape;
+
+/// Number of colours of the palette, after which it begins again.
+const PALETTE: usize = 8;
 
 /// Height of a line of the legend.
 pub(super) const LINE_HEIGHT: f64 = 18.0;
 
-/// About how wide a character of the legend's type is.
+/// Approximate width of a character of the legend.
 const CHARACTER: f64 = 6.7;
 
 /// Room for the key of an entry and the gap behind it.

@@ -1,4 +1,4 @@
-//! What is drawn on a chart: curves, dots, bands of seeds, and the front of what nothing beats.
+//! What is drawn on a chart: curves, points, bands over seeds, and the Pareto front.
 
 /// A named set of points.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -62,7 +62,7 @@ impl Series {
     }
 }
 
-/// Of sorted values; NaN of none.
+/// The median of sorted values; NaN of none.
 pub fn median(sorted: &[f64]) -> f64 {
     let middle = sorted.len() / 2;
     match sorted.len() {
@@ -81,7 +81,7 @@ pub enum Better {
     More,
 }
 
-/// The points that no other one beats on both axes, from the best by x to the best by y.
+/// The Pareto front: points that no other point beats on both axes, from the best by x to the best by y.
 pub fn pareto_front(points: &[[f64; 2]], better: [Better; 2]) -> Vec<[f64; 2]> {
     // Turned so that less is better on both axes.
     let turned = |point: &[f64; 2]| -> [f64; 2] {
@@ -122,7 +122,7 @@ mod tests {
             vec![[0.5, 10.0], [2.0, 20.0]],
             vec![[0.0, 4.0], [1.0, 5.0]],
         ];
-        let series = Series::of_seeds("fast", &curves);
+        let series = Series::of_seeds("grid", &curves);
         assert_eq!(series.band, [[0.0, 1.0, 4.0], [0.5, 1.0, 10.0], [1.0, 2.0, 10.0], [2.0, 3.0, 20.0]]);
         assert_eq!(series.points, [[0.0, 2.5], [0.5, 4.0], [1.0, 5.0], [2.0, 5.0]]);
         assert!(Series::of_seeds("one", &curves[..1]).band.is_empty());

@@ -24,7 +24,7 @@ fn assert_well_formed(svg: &str) {
 }
 
 fn chart() -> Chart {
-    let curve = Series::of_seeds("fast <&>", &[vec![[1.0, 20.0], [3.0, 24.0]], vec![[1.0, 22.0], [3.0, 25.0]]]);
+    let curve = Series::of_seeds("grid <&>", &[vec![[1.0, 20.0], [3.0, 24.0]], vec![[1.0, 22.0], [3.0, 25.0]]]);
     Chart {
         title: "Quality \"against\" time & <seeds>".into(),
         x: Axis::log("time, s"),
@@ -64,7 +64,7 @@ fn the_numbers_of_a_chart_are_a_csv_file() {
     let csv = chart().to_csv();
     let lines: Vec<&str> = csv.lines().collect();
     assert_eq!(lines[0], "series,\"time, s\",\"PSNR, dB\",low,high");
-    assert_eq!(lines[1], "fast <&>,1,21,20,22");
+    assert_eq!(lines[1], "grid <&>,1,21,20,22");
     assert_eq!(lines[3], "\"hull, as is\",0.5,18,,");
 }
 
@@ -75,7 +75,7 @@ fn a_grid_shows_numbers_failures_and_holes() {
         value: Axis::log("Chamfer-L1"),
         row_title: "method".into(),
         column_title: "radius, px".into(),
-        rows: vec!["fast".into(), "a & b".into()],
+        rows: vec!["grid".into(), "a & b".into()],
         columns: ["2", "1", "0.5"].map(String::from).to_vec(),
         cells: vec![
             vec![0.002.into(), 0.02.into(), Cell { value: None, failed: Some("empty".into()) }],

@@ -1,4 +1,4 @@
-//! All that a page tells of one run, gathered from its folder and, where it is at hand, its scene.
+//! The summary of one run: all that a page shows of it, gathered from its folder and, where there is one, its scene.
 
 use std::path::Path;
 
@@ -6,18 +6,18 @@ use dvr_core::mesh::{Mesh, read_mesh};
 use dvr_core::{Camera, Scene, Split, View, Visibility};
 use dvr_render::MeshShader;
 use dvr_train::{
-    CheckpointHeader, Method, ObjectsMetrics, RunFolder, RunMetrics, Summary, ViewSplit, judging_views, view_metrics,
+    CheckpointHeader, ObjectsMetrics, RunFolder, RunMetrics, Summary, ViewSplit, judging_views, view_metrics,
 };
 use glam::DVec3;
 use serde_json::{Value, json};
 
+use crate::coverage::Coverage;
 use crate::curves::Curves;
+use crate::diagnostics::{Diagnostics, disagreeing_masks};
 use crate::error::{Error, Result};
-use crate::findings::{Findings, disagreeing_masks};
 use crate::mesh_data::{EncodedMesh, encode};
 use crate::pictures::{ViewPictures, jpeg, view_pictures};
 use crate::settings::Settings;
-use crate::surface::Coverage;
 
 /// How much of a page one run may fill.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -26,12 +26,12 @@ pub struct Budget {
     pub faces: usize,
     /// Held-out views.
     pub views: usize,
-    /// Pixels that a picture is wide, at most.
+    /// Largest width of a picture, pixels.
     pub width: u32,
 }
 
 impl Budget {
-    /// For each of so many runs on one page.
+    /// The share of each of `runs` on one page.
     pub fn of_runs(runs: usize) -> Self {
         let runs = runs.max(1);
         Self { faces: (200_000 / runs).max(8_000), views: if runs == 1 { 5 } else { (8 / runs).max(1) }, width: 480 }
@@ -52,7 +52,7 @@ pub enum Figures {
     Objects(ObjectsMetrics),
 }
 
-/// What is known of the scene.
+/// Facts about the scene.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SceneFacts {
     /// Layout of its files.
@@ -63,44 +63,44 @@ pub struct SceneFacts {
     pub size: (u32, u32),
 }
 
-/// One run, ready to be told.
+/// Everything that a page shows of one run.
 #[derive(Clone, Debug)]
-pub struct RunStory {
+pub struct RunSummary {
     /// The folder's name.
     pub name: String,
     /// The scene's name, or that of the dataset.
     pub title: String,
     /// How the run was configured.
     pub settings: Settings,
-    /// What the checkpoint says about itself.
+    /// The header of the run's checkpoint.
     pub header: CheckpointHeader,
     /// The final figures.
     pub figures: Figures,
     /// The curves.
     pub curves: Curves,
-    /// The mesh for the page's viewer, and what else that needs.
+    /// The mesh for the page's viewer, and facts that the viewer needs.
     pub mesh: Option<(EncodedMesh, Value)>,
-    /// How well the surface was seen.
+    /// How much of the surface the photographs see.
     pub coverage: Option<Coverage>,
-    /// The scene, where it was at hand.
+    /// The scene, where it was found.
     pub scene: Option<SceneFacts>,
     /// Held-out views; training views where none were held out.
     pub views: Vec<ViewPictures>,
     /// Whether the views were not trained on.
     pub views_are_held_out: bool,
-    /// What the reader should know, in plain words.
-    pub findings: Findings,
-    /// The preview sheet of a dataset's run, as an address.
+    /// What the reader should know.
+    pub diagnostics: Diagnostics,
+    /// The preview sheet of a dataset's run, as a `data:` address.
     pub preview: Option<String>,
     /// Evaluations of a dataset's run, by the split's name.
     pub evaluations: Vec<(String, Summary)>,
 }
 
-impl RunStory {
+impl RunSummary {
     /// Gathers it. `header` is that of the run's checkpoint, and `scene` its scene in the object space of training.
     ///
     /// # Errors
-    /// When the folder holds no finished run, or its files are damaged.
+    /// [`Error::NotFinished`] when the folder holds no finished run, and others when its files are damaged.
     pub fn gather(
         folder: &RunFolder,
         header: &CheckpointHeader,
@@ -110,32 +110,27 @@ impl RunStory {
         let settings = Settings::new(&header.method)?;
         let curves = Curves::read(&folder.metrics_csv())?;
         let name = name_of(folder.root());
-        let text = std::fs::read_to_string(folder.metrics_json()).map_err(|e| Error::NotARun {
-            path: folder.metrics_json(),
-            problem: format!("the run has no figures ({e})"),
-            remedy: "Give the folder of a run that came to its end; finish one with dvr train --resume.".into(),
-        })?;
-        let mut story = Self {
+        let mut summary = Self {
             name,
             title: String::new(),
             settings,
             header: header.clone(),
-            figures: figures(folder, &header.method, &text)?,
+            figures: figures(&folder.metrics_json())?,
             curves,
             mesh: None,
             coverage: None,
             scene: None,
             views: Vec::new(),
             views_are_held_out: false,
-            findings: Findings::default(),
+            diagnostics: Diagnostics::default(),
             preview: None,
             evaluations: Vec::new(),
         };
-        match story.figures.clone() {
-            Figures::Scene(metrics) => story.gather_scene(folder, &metrics, scene, budget)?,
-            Figures::Objects(metrics) => story.gather_objects(folder, &metrics)?,
+        match summary.figures.clone() {
+            Figures::Scene(metrics) => summary.gather_scene(folder, &metrics, scene, budget)?,
+            Figures::Objects(metrics) => summary.gather_objects(folder, &metrics)?,
         }
-        Ok(story)
+        Ok(summary)
     }
 
     fn gather_scene(
@@ -152,12 +147,12 @@ impl RunStory {
             _ => Mesh::default(),
         };
         if let (Some(split), None, false) = (&split, &mesh.observations, mesh.is_empty()) {
-            // Of a run that an earlier version of the program made.
+            // A mesh that was written without its scene.
             let cameras: Vec<&Camera> = split.train.iter().map(|view| &view.camera).collect();
             mesh.observations = Some(Visibility::new(&mesh).observe(&cameras));
         }
         self.coverage = Coverage::of(&mesh);
-        self.findings = Findings::of_scene(metrics, scene.is_some(), split.as_ref(), self.coverage, mesh.open_edges());
+        self.diagnostics = Diagnostics::of_scene(metrics, split.as_ref(), self.coverage, mesh.open_edges());
         if let (Some(scene), Some(split)) = (scene, &split) {
             self.scene = Some(SceneFacts {
                 format: scene.format.into(),
@@ -165,7 +160,7 @@ impl RunStory {
                 size: scene.views.first().map_or((0, 0), |view| view.image.dimensions()),
             });
             if !mesh.is_empty() {
-                self.look(&mesh, scene, split, budget)?;
+                self.render_views(&mesh, scene, split, budget)?;
             }
         }
         let up = scene.map_or(DVec3::Y, Scene::up);
@@ -185,31 +180,32 @@ impl RunStory {
         Ok(())
     }
 
-    /// Renders the mesh into held-out views, and asks every training view whether its mask agrees.
-    fn look(&mut self, mesh: &Mesh, scene: &Scene, split: &ViewSplit, budget: Budget) -> Result<()> {
+    /// Renders the mesh into held-out views, and compares it with the mask of every training view.
+    fn render_views(&mut self, mesh: &Mesh, scene: &Scene, split: &ViewSplit, budget: Budget) -> Result<()> {
         let shader = MeshShader::new(mesh);
-        let judges = judging_views(scene, split);
-        self.views_are_held_out = !judges.is_empty();
-        let shown: &[&View] = if judges.is_empty() { &split.train } else { &judges };
+        let held_out = judging_views(scene, split);
+        self.views_are_held_out = !held_out.is_empty();
+        let shown: &[&View] = if held_out.is_empty() { &split.train } else { &held_out };
         let count = budget.views.min(shown.len());
         let chosen = (0..count).map(|i| shown[(2 * i + 1) * shown.len() / (2 * count)]);
         self.views = chosen.map(|view| view_pictures(&shader, view, budget.width)).collect::<Result<_>>()?;
         let of_view = |view: &&View| Some((view.name.clone(), view_metrics(&shader, &[view], MASK_PIXELS)?.mask_iou));
         let agreements: Vec<(String, f64)> = split.train.iter().filter_map(of_view).collect();
-        self.findings.warnings.extend(disagreeing_masks(&agreements));
+        self.diagnostics.warnings.extend(disagreeing_masks(&agreements));
         Ok(())
     }
 
     fn gather_objects(&mut self, folder: &RunFolder, metrics: &ObjectsMetrics) -> Result<()> {
         self.title = name_of(&metrics.dataset);
-        self.findings = Findings::of_objects(metrics);
+        self.diagnostics = Diagnostics::of_objects(metrics);
         if folder.preview().is_file() {
             self.preview = Some(jpeg(&dvr_core::files::read_rgb(&folder.preview())?)?);
         }
         for split in ["test", "val", "train"] {
             let path = folder.root().join(format!("eval_{split}")).join("summary.json");
             let Ok(text) = std::fs::read_to_string(&path) else { continue };
-            let summaries: Vec<Summary> = serde_json::from_str(&text).map_err(|e| damaged(&path, &e))?;
+            let summaries: Vec<Summary> =
+                serde_json::from_str(&text).map_err(|source| Error::Damaged { path, source })?;
             self.evaluations.extend(summaries.into_iter().map(|summary| (split.to_owned(), summary)));
         }
         Ok(())
@@ -219,23 +215,20 @@ impl RunStory {
 /// Pixels by which a view's mask is compared with the mesh.
 const MASK_PIXELS: usize = 2000;
 
-fn figures(folder: &RunFolder, method: &Method, text: &str) -> Result<Figures> {
-    let read = match method {
-        Method::Objects(_) => serde_json::from_str(text).map(Figures::Objects),
-        _ => serde_json::from_str(text).map(Figures::Scene),
+/// The figures in `metrics.json`. Those of a dataset name it.
+fn figures(path: &Path) -> Result<Figures> {
+    let text = std::fs::read_to_string(path).map_err(|source| Error::NotFinished { path: path.to_owned(), source })?;
+    let damaged = |source| Error::Damaged { path: path.to_owned(), source };
+    let is_dataset = serde_json::from_str::<Value>(&text).map_err(damaged)?.get("dataset").is_some();
+    let figures = if is_dataset {
+        serde_json::from_str(&text).map(Figures::Objects)
+    } else {
+        serde_json::from_str(&text).map(Figures::Scene)
     };
-    read.map_err(|e| damaged(&folder.metrics_json(), &e))
+    figures.map_err(damaged)
 }
 
-fn damaged(path: &Path, error: &serde_json::Error) -> Error {
-    Error::NotARun {
-        path: path.to_owned(),
-        problem: format!("the file is damaged ({error})"),
-        remedy: "Make it again.".into(),
-    }
-}
-
-/// What a folder is called; of `.` and the like, what they stand for.
+/// A folder's name; for `.` and the like, the name of the folder that they stand for.
 fn name_of(folder: &Path) -> String {
     let whole = std::fs::canonicalize(folder).unwrap_or_else(|_| folder.to_owned());
     whole.file_name().map_or_else(|| whole.display().to_string(), |name| name.to_string_lossy().into_owned())

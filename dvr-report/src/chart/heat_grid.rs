@@ -2,8 +2,8 @@
 
 use std::fmt::Write;
 
-use super::scale::Ruler;
-use super::{Axis, CHART_STYLE, csv_field, figure};
+use super::figure::{CHART_STYLE, csv_field, figure};
+use super::scale::{Axis, Ruler};
 use crate::html::{escape, number};
 
 /// Width of the drawing, in its own units.
@@ -51,7 +51,7 @@ pub struct HeatGrid {
 }
 
 impl HeatGrid {
-    /// A complete SVG file, light and dark as its viewer is.
+    /// A complete SVG file, light or dark as its viewer is.
     pub fn to_svg(&self) -> String {
         self.svg(Some(CHART_STYLE))
     }
@@ -62,7 +62,7 @@ impl HeatGrid {
         figure(&self.title, &self.svg(None), &self.to_csv())
     }
 
-    /// A line a cell: row, column, number, failure.
+    /// One line per cell: row, column, number, failure.
     pub fn to_csv(&self) -> String {
         let titles = [&self.row_title, &self.column_title, &self.value.title].map(|title| csv_field(title));
         let mut text = format!("{},failed\n", titles.join(","));
@@ -137,11 +137,11 @@ fn draw_cell(svg: &mut String, cell: &Cell, ruler: &Ruler, [x, y, width]: [f64; 
         (None, Some(shade)) => format!("cell s{shade}"),
         (None, None) => "cell".to_owned(),
     };
-    let told = cell.value.map_or(String::new(), |value| format!(" {}", number(value, 4)));
+    let value = cell.value.map_or(String::new(), |value| format!(" {}", number(value, 4)));
     let _ = write!(
         svg,
         "<g class=\"{class}\"><rect x=\"{:.1}\" y=\"{:.1}\" width=\"{:.1}\" height=\"{:.1}\" rx=\"3\"/>\
-         <text text-anchor=\"middle\" x=\"{:.1}\" y=\"{:.1}\">{}</text><title>{}:{told} {}</title></g>",
+         <text text-anchor=\"middle\" x=\"{:.1}\" y=\"{:.1}\">{}</text><title>{}:{value} {}</title></g>",
         x + 1.0,
         y + 1.0,
         width - 2.0,

@@ -1,13 +1,13 @@
-//! What the photographs know of a surface.
+//! Coverage: how much of a surface the photographs see.
 
 use dvr_core::mesh::Mesh;
 
-/// How well the surface of a mesh was seen, as shares of its area.
+/// How much of the surface of a mesh is seen, as shares of its area.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Coverage {
     /// No view sees it.
     pub unseen: f64,
-    /// A single view sees it: its colour is known, its depth is a guess.
+    /// A single view sees it: its colour is known, its depth is not.
     pub seen_once: f64,
     /// Mean confidence.
     pub confidence: f64,
@@ -20,7 +20,7 @@ impl Coverage {
         let (mut area, mut unseen, mut once, mut confidence) = (0.0, 0.0, 0.0, 0.0);
         for (face, corners) in mesh.faces.iter().enumerate() {
             let [a, b, c] = mesh.triangle(face);
-            // A corner stands for a third of its face.
+            // A corner has a third of its face.
             let share = f64::from((b - a).cross(c - a).length()) / 6.0;
             for &corner in corners {
                 let seen = observations[corner as usize];

@@ -2,9 +2,11 @@
 
 use std::fmt::Write;
 
-use super::legend::{LINE_HEIGHT, color_of};
+use super::figure::{CHART_STYLE, figure};
+use super::legend::{self, LINE_HEIGHT, color_of};
+use super::plot::Chart;
 use super::scale::Ruler;
-use super::{Chart, Series, legend, pareto_front};
+use super::series::{Series, pareto_front};
 use crate::html::{escape, number};
 
 /// Size of the drawing, in its own units.
@@ -17,11 +19,24 @@ const LEFT: f64 = 66.0;
 const RIGHT: f64 = 16.0;
 const BELOW: f64 = 50.0;
 
-/// Curves of at most so many points show them as dots too.
+/// Curves of at most this many points show them as dots too.
 const FEW_POINTS: usize = 12;
 
-/// The drawing; with its own style where it must stand alone.
-pub(super) fn svg(chart: &Chart, style: Option<&str>) -> String {
+impl Chart {
+    /// A complete SVG file, light or dark as its viewer is.
+    pub fn to_svg(&self) -> String {
+        svg(self, Some(CHART_STYLE))
+    }
+
+    /// The chart for a page that has [`CHART_STYLE`]: a `<figure>` with the SVG, its numbers as CSV, and buttons to
+    /// save both.
+    pub fn to_figure(&self) -> String {
+        figure(&self.title, &svg(self, None), &self.to_csv())
+    }
+}
+
+/// The drawing; with its own style where it stands alone.
+fn svg(chart: &Chart, style: Option<&str>) -> String {
     let named: Vec<&Series> = chart.series.iter().filter(|series| !series.name.is_empty()).collect();
     let has_legend = named.len() > 1;
     let names: Vec<&str> = named.iter().map(|series| series.name.as_str()).collect();

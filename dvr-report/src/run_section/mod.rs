@@ -1,0 +1,14 @@
+//! One run as HTML.
+
+mod configuration;
+mod evaluations;
+mod figures;
+mod overview;
+mod parts;
+mod viewer;
+mod views;
+
+pub(crate) use figures::main_figures;
+pub use overview::Remedy;
+pub(crate) use overview::overview;
+pub(crate) use parts::{curves_of, sections_of};
