@@ -1,10 +1,13 @@
 //! Photographs and masks in 8 bits a channel.
 
-use std::io::Cursor;
 use std::ops::Deref;
 use std::path::Path;
 
-use image::{DynamicImage, GrayImage, ImageBuffer, ImageFormat, ImageReader, Luma, RgbImage, RgbaImage};
+use image::codecs::png::PngEncoder;
+use image::{
+    DynamicImage, ExtendedColorType, GrayImage, ImageBuffer, ImageEncoder, ImageFormat, ImageReader, Luma, RgbImage,
+    RgbaImage,
+};
 
 use super::{read_bytes, write_bytes_atomically};
 use crate::error::{Error, Result};
@@ -79,7 +82,7 @@ pub fn read_mask(path: &Path) -> Result<Mask> {
 /// # Errors
 /// [`Error::Io`] where the file cannot be written.
 pub fn write_rgb_png(path: &Path, image: &RgbImage) -> Result<()> {
-    write_png(path, |out| image.write_to(out, ImageFormat::Png))
+    write_png(path, image, image.dimensions(), ExtendedColorType::Rgb8)
 }
 
 /// Writes an 8-bit RGBA PNG.
@@ -87,7 +90,7 @@ pub fn write_rgb_png(path: &Path, image: &RgbImage) -> Result<()> {
 /// # Errors
 /// [`Error::Io`] where the file cannot be written.
 pub fn write_rgba_png(path: &Path, image: &RgbaImage) -> Result<()> {
-    write_png(path, |out| image.write_to(out, ImageFormat::Png))
+    write_png(path, image, image.dimensions(), ExtendedColorType::Rgba8)
 }
 
 /// Writes an 8-bit grey PNG, the form of a [`Mask`]'s coverage.
@@ -95,23 +98,24 @@ pub fn write_rgba_png(path: &Path, image: &RgbaImage) -> Result<()> {
 /// # Errors
 /// [`Error::Io`] where the file cannot be written.
 pub fn write_gray_png(path: &Path, image: &ImageBuffer<Luma<u8>, impl Deref<Target = [u8]>>) -> Result<()> {
-    write_png(path, |out| image.write_to(out, ImageFormat::Png))
+    write_png(path, image, image.dimensions(), ExtendedColorType::L8)
 }
 
-fn write_png(path: &Path, encode: impl FnOnce(&mut Cursor<Vec<u8>>) -> image::ImageResult<()>) -> Result<()> {
-    let mut bytes = Cursor::new(Vec::new());
-    encode(&mut bytes).map_err(|error| Error::io(path, std::io::Error::other(error)))?;
-    write_bytes_atomically(path, bytes.get_ref())
+/// `write_to` would do, but compiles the encoder of every other format as well, once for each type of pixel.
+fn write_png(path: &Path, samples: &[u8], size: (u32, u32), color: ExtendedColorType) -> Result<()> {
+    let mut bytes = Vec::new();
+    PngEncoder::new(&mut bytes)
+        .write_image(samples, size.0, size.1, color)
+        .map_err(|error| Error::io(path, std::io::Error::other(error)))?;
+    write_bytes_atomically(path, &bytes)
 }
 
 fn decode(path: &Path) -> Result<DynamicImage> {
     let bytes = read_bytes(path)?;
-    let reader =
-        ImageReader::new(Cursor::new(&bytes)).with_guessed_format().map_err(|source| Error::io(path, source))?;
-    if reader.format() == Some(ImageFormat::Jpeg) && !jpeg_is_whole(&bytes) {
+    if image::guess_format(&bytes).is_ok_and(|format| format == ImageFormat::Jpeg) && !jpeg_is_whole(&bytes) {
         return Err(damaged(path, "the file ends before the image does"));
     }
-    let image = reader.decode().map_err(|error| damaged(path, error))?;
+    let image = image::load_from_memory(&bytes).map_err(|error| damaged(path, error))?;
     if image.width() == 0 || image.height() == 0 {
         return Err(damaged(path, "it has no pixels"));
     }
