@@ -3,11 +3,12 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use clap::{Args, ValueEnum};
+use clap::Args;
 use dvr_train::Supervision;
 
-use super::MethodName;
-use super::values::{parse_duration, parse_variant};
+use super::method::MethodName;
+use super::values::parse_duration;
+use super::variant::{Variant, parse_variant};
 
 /// Arguments of `dvr bench`.
 #[derive(Args, Debug)]
@@ -47,26 +48,5 @@ impl BenchArgs {
     /// What is compared: the methods, then the variants.
     pub fn variants(&self) -> Vec<Variant> {
         Variant::all(&self.methods, &self.variant)
-    }
-}
-
-/// A method with some settings changed.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Variant {
-    /// Its name in tables.
-    pub name: String,
-    /// The method.
-    pub method: String,
-    /// `KEY=VALUE`, as `--set` takes them.
-    pub settings: Vec<String>,
-}
-
-impl Variant {
-    /// Methods with their own settings, then variants.
-    pub fn all(methods: &[MethodName], variants: &[Self]) -> Vec<Self> {
-        let name = |method: &MethodName| method.to_possible_value().map(|value| value.get_name().to_owned());
-        let methods = methods.iter().filter_map(name);
-        let methods = methods.map(|name| Self { method: name.clone(), name, settings: Vec::new() });
-        methods.chain(variants.iter().cloned()).collect()
     }
 }

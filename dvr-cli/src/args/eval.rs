@@ -6,8 +6,11 @@ use clap::{Args, ValueEnum};
 use dvr_core::Split;
 use dvr_train::Shard;
 
+use super::device::BackendArg;
+use super::mesh::MeshingArgs;
+use super::scene::SceneArgs;
+use super::train::ObjectsArgs;
 use super::values::parse_shard;
-use super::{BackendArg, MeshingArgs, ObjectsArgs, SceneArgs};
 
 /// Arguments of `dvr eval`.
 #[derive(Args, Debug)]

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::SceneArgs;
+use super::scene::SceneArgs;
 
 /// Arguments of `dvr export`.
 #[derive(Args, Debug)]

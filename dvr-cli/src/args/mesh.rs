@@ -4,8 +4,8 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 
+use super::device::{BackendArg, MemoryArg};
 use super::values::parse_share;
-use super::{BackendArg, MemoryArg};
 
 /// Where the colours of a mesh come from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]

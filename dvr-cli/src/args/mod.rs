@@ -1,9 +1,11 @@
 //! The command line.
 
 mod bench;
+mod device;
 mod eval;
 mod exchange;
 mod mesh;
+mod method;
 mod predict;
 mod render;
 mod report;
@@ -12,22 +14,23 @@ mod stress;
 mod synth;
 mod train;
 mod values;
+mod variant;
 
-use clap::{Args, Parser, Subcommand};
+use clap::{Parser, Subcommand};
 
-use crate::backend::{self, Backend};
-
-pub use bench::{BenchArgs, Variant};
+pub use bench::BenchArgs;
 pub use eval::{Baseline, EvalArgs, SplitArg};
 pub use exchange::{ExportArgs, ImportArgs};
 pub use mesh::{Colors, ContourName, MeshArgs, MeshingArgs, SurfaceArgs};
+pub use method::{CapacityArg, MethodName};
 pub use predict::PredictArgs;
 pub use render::{Animation, Cameras, RenderArgs, UpAxis};
 pub use report::ReportArgs;
 pub use scene::{InfoArgs, SceneArgs};
 pub use stress::StressArgs;
 pub use synth::SynthArgs;
-pub use train::{CapacityArg, MethodName, ObjectsArgs, TrainArgs};
+pub use train::TrainArgs;
+pub use variant::Variant;
 
 /// Textured meshes from posed photographs, by differentiable volumetric rendering.
 #[derive(Debug, Parser)]
@@ -74,22 +77,6 @@ pub enum Command {
     Predict(PredictArgs),
     /// List the devices for --backend and --devices
     Devices,
-}
-
-/// Where the computation runs.
-#[derive(Args, Clone, Copy, Debug)]
-pub struct BackendArg {
-    #[arg(long, value_name = "BACKEND", default_value_t = Backend::Cpu, help = backend::HELP)]
-    pub backend: Backend,
-}
-
-/// Memory limit of commands that read a trained run.
-#[derive(Args, Clone, Copy, Debug)]
-pub struct MemoryArg {
-    /// Memory limit, e.g. 500M or 2G. Decoded photographs beyond it are paged from a scratch file. With --backend gpu it
-    /// also limits the GPU memory of tensors: work is split to fit [default: no limit]
-    #[arg(long, value_parser = values::parse_memory, value_name = "BYTES")]
-    pub memory: Option<u64>,
 }
 
 #[cfg(test)]

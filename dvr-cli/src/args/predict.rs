@@ -5,7 +5,8 @@ use std::path::PathBuf;
 use clap::Args;
 use dvr_core::dataset::BackgroundColor;
 
-use super::{BackendArg, MemoryArg, SurfaceArgs};
+use super::device::{BackendArg, MemoryArg};
+use super::mesh::SurfaceArgs;
 
 /// Arguments of `dvr predict`.
 #[derive(Args, Debug)]

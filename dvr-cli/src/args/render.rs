@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 
-use super::{BackendArg, MemoryArg};
+use super::device::{BackendArg, MemoryArg};
 
 /// Which cameras `dvr render` takes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]

@@ -4,8 +4,8 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::values::parse_variant;
-use super::{MethodName, Variant};
+use super::method::MethodName;
+use super::variant::{Variant, parse_variant};
 
 /// Arguments of `dvr stress`.
 #[derive(Args, Debug)]

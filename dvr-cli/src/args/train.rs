@@ -3,12 +3,15 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use clap::{Args, ValueEnum};
+use clap::Args;
 use dvr_core::dataset::ObjectOptions;
 use dvr_train::Supervision;
 
-use super::values::{parse_bytes, parse_capacity, parse_duration};
-use super::{BackendArg, MeshingArgs, SceneArgs};
+use super::device::BackendArg;
+use super::mesh::MeshingArgs;
+use super::method::{CapacityArg, MethodName, parse_capacity};
+use super::scene::SceneArgs;
+use super::values::{parse_bytes, parse_duration};
 use crate::backend::Backend;
 
 /// Arguments of `dvr train`.
@@ -121,28 +124,4 @@ impl ObjectsArgs {
             visual_hull_depth: reading.visual_hull_depth,
         }
     }
-}
-
-/// Reconstruction methods.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum MethodName {
-    /// Multi-resolution voxel grid: seconds
-    Grid,
-    /// The paper's network, initialised with the visual hull: minutes; for datasets of objects, a network for a few cores:
-    /// an hour
-    Network,
-    /// The network with the paper's settings: minutes for 600 steps (the paper: 300 000); for datasets of objects: months
-    /// without a GPU
-    Classic,
-    /// The visual hull of the masks, coloured by the photographs: no training
-    Hull,
-}
-
-/// Values of `--capacity`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum CapacityArg {
-    /// As fine as held-out views justify.
-    Auto,
-    /// Cells per edge.
-    Cells(usize),
 }

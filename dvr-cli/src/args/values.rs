@@ -1,11 +1,8 @@
-//! Parsers of values: times, sizes, shares, variants.
+//! Parsers of values: times, sizes, shares.
 
 use std::time::Duration;
 
-use clap::ValueEnum;
 use dvr_train::Shard;
-
-use super::{CapacityArg, MethodName, Variant};
 
 /// Reads `90s`, `10m`, `2h` or plain seconds.
 pub(super) fn parse_duration(text: &str) -> Result<Duration, String> {
@@ -26,61 +23,10 @@ pub(super) fn parse_shard(text: &str) -> Result<Shard, String> {
     shard.ok_or_else(|| format!("{text:?} is not a part; write 1/16, 2/16, ... up to 16/16"))
 }
 
-/// Reads `name:key=value,key=value`; the key `method` names the method, `grid` by default. Commas within brackets belong
-/// to the value.
-pub(super) fn parse_variant(text: &str) -> Result<Variant, String> {
-    let error = || format!("{text:?} is not a variant; write NAME:KEY=VALUE, e.g. smooth:losses.smoothness=9");
-    let (name, settings) = text.split_once(':').ok_or_else(error)?;
-    let mut settings = split_settings(settings);
-    let sound = !name.is_empty() && name.chars().all(|c| c.is_alphanumeric() || "-_".contains(c));
-    if !sound || settings.iter().any(|setting| !setting.contains('=')) {
-        return Err(error());
-    }
-    let is_method = |setting: &String| setting.starts_with("method=");
-    let method = match settings.iter().position(is_method) {
-        Some(place) => settings.remove(place)["method=".len()..].to_owned(),
-        None => "grid".to_owned(),
-    };
-    if <MethodName as ValueEnum>::from_str(&method, false).is_err() {
-        return Err(format!(
-            "{text:?}: there is no method {method:?}; the methods are hull, grid, network and classic"
-        ));
-    }
-    Ok(Variant { name: name.to_owned(), method, settings })
-}
-
-/// Splits at commas outside of brackets.
-fn split_settings(text: &str) -> Vec<String> {
-    let mut depth = 0usize;
-    let mut parts = vec![String::new()];
-    for c in text.chars() {
-        match c {
-            '{' | '[' => depth += 1,
-            '}' | ']' => depth = depth.saturating_sub(1),
-            _ => {}
-        }
-        match (c, depth, parts.last_mut()) {
-            (',', 0, _) => parts.push(String::new()),
-            (c, _, Some(part)) => part.push(c),
-            _ => {}
-        }
-    }
-    parts
-}
-
 /// Reads a share from 0 to 1.
 pub(super) fn parse_share(text: &str) -> Result<f32, String> {
     let share = text.parse::<f32>().ok().filter(|share| (0.0..=1.0).contains(share));
     share.ok_or_else(|| format!("{text:?} is not a share; write a number from 0 to 1, e.g. 0.0005"))
-}
-
-/// Reads `auto` or a number of cells.
-pub(super) fn parse_capacity(text: &str) -> Result<CapacityArg, String> {
-    if text == "auto" {
-        return Ok(CapacityArg::Auto);
-    }
-    let cells = text.parse::<usize>().ok().filter(|n| n.is_power_of_two() && (32..=512).contains(n));
-    cells.map(CapacityArg::Cells).ok_or_else(|| format!("{text:?}: write auto, or a power of two from 32 to 512"))
 }
 
 /// Reads the size of a stored field, which is not 0.
@@ -127,14 +73,6 @@ mod tests {
         assert_eq!(parse_size("320x240"), Ok((320, 240)));
         assert_eq!(parse_shard("3/16"), Ok(Shard { number: 3, of: 16 }));
         assert!(["0/3", "4/3", "3", "a/b", "1/0"].into_iter().all(|shard| parse_shard(shard).is_err()));
-        assert_eq!(parse_capacity("64"), Ok(CapacityArg::Cells(64)));
-        let variant = parse_variant("rough:losses.smoothness=0,rays=99").unwrap();
-        assert_eq!((variant.name.as_str(), variant.settings.len()), ("rough", 2));
-        let variant = parse_variant(r#"few:method=classic,march=[{"from_percent":0,"samples":16}],rays=9"#).unwrap();
-        assert_eq!((variant.method.as_str(), variant.settings.len()), ("classic", 2), "{variant:?}");
-        assert!(parse_variant("few:method=quick").is_err_and(|problem| problem.contains("no method")));
-        assert!(parse_variant("rough").is_err() && parse_variant("a/b:x=1").is_err() && parse_variant("a:b").is_err());
-        assert!(parse_capacity("65").is_err() && parse_capacity("much").is_err());
         assert_eq!((parse_bytes("32k"), parse_bytes("1M")), (Ok(32_000), Ok(1_000_000)));
         assert!(parse_bytes("k").is_err() && parse_bytes("0").is_err());
         assert_eq!((parse_memory("2G"), parse_memory("0")), (Ok(2_000_000_000), Ok(0)));

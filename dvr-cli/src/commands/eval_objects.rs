@@ -12,16 +12,13 @@ use dvr_train::{
     Summary, merge_results, to_markdown, write_summaries,
 };
 
-use super::mesh_options;
 use super::train::{INTERRUPTED, interrupt_on_ctrl_c};
 use super::train_objects::options_of_run;
+use super::{OBJECT_RESOLUTION, mesh_options};
 use crate::EXIT_INTERRUPTED;
 use crate::args::{Baseline, EvalArgs, SplitArg};
 use crate::memory;
 use crate::progress::Progress;
-
-/// Cells along an edge of an object's mesh, the original's.
-pub const OBJECT_RESOLUTION: u32 = 128;
 
 /// Measures a run.
 pub fn of_run(args: &EvalArgs, run: &Path, checkpoint: &Checkpoint) -> Result<ExitCode> {

@@ -12,8 +12,7 @@ use dvr_core::mesh::write_mesh;
 use dvr_train::{MeshOptions, ObjectModel, Observer, predict};
 use image::RgbImage;
 
-use super::eval_objects::OBJECT_RESOLUTION;
-use super::{load_run, surface_options};
+use super::{OBJECT_RESOLUTION, load_run, surface_options};
 use crate::args::PredictArgs;
 use crate::memory;
 use crate::progress::Progress;

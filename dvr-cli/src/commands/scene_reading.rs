@@ -1,0 +1,40 @@
+//! How a run reads its scene, and notes about its masks.
+
+use std::path::Path;
+
+use anyhow::Result;
+use dvr_core::dataset::{ReadOptions, read_scene};
+use dvr_core::{MaskReport, Scene, refine_masks};
+use serde::{Deserialize, Serialize};
+
+use crate::args::SceneArgs;
+
+/// How a run reads its scene, as its checkpoint stores it.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct SceneReading {
+    /// How the files are read.
+    #[serde(flatten)]
+    pub options: ReadOptions,
+    /// Whether masks are refined then.
+    #[serde(default)]
+    pub refine_masks: bool,
+}
+
+impl SceneReading {
+    /// By the arguments.
+    pub fn of_arguments(args: &SceneArgs) -> Self {
+        Self { options: args.read_options(), refine_masks: !args.no_mask_refinement }
+    }
+
+    /// Reads the scene and refines its masks, unless that is off.
+    pub fn read(&self, path: &Path) -> Result<(Scene, MaskReport)> {
+        let mut scene = read_scene(path, &self.options)?;
+        let report = if self.refine_masks { refine_masks(&mut scene)? } else { MaskReport::default() };
+        Ok((scene, report))
+    }
+}
+
+/// What mask refinement changed, and how to turn it off.
+pub fn refinement_notes(report: &MaskReport) -> Vec<String> {
+    report.notes().iter().map(|note| format!("{note}; --no-mask-refinement takes masks as they are")).collect()
+}

@@ -1,0 +1,46 @@
+//! Reading a run back: its checkpoint, its model, its scene.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use burn::tensor::Device;
+use dvr_core::Scene;
+use dvr_core::dataset::Normalise;
+use dvr_train::{Checkpoint, Model, RefinedCameras, RunFolder};
+
+use super::scene_reading::SceneReading;
+
+/// The checkpoint at a path: a run's folder or a checkpoint's file.
+pub fn load_run(path: &Path) -> Result<Checkpoint> {
+    let checkpoint = if path.is_dir() { RunFolder::new(path).load() } else { Checkpoint::load(path) };
+    Ok(checkpoint?)
+}
+
+/// The field of a run: of its scene, or of one of the objects that it has learned codes for.
+pub fn load_model(checkpoint: &Checkpoint, object: Option<usize>, device: &Device) -> Result<Model> {
+    Ok(match object {
+        Some(object) => Model::of_object(checkpoint, object, device)?,
+        None => Model::load(checkpoint, device)?,
+    })
+}
+
+/// The scene of a run, read as for training and in the same object space; from `moved` if it was moved, and within
+/// `memory` where that is given.
+pub fn scene_of_run(checkpoint: &Checkpoint, moved: Option<&PathBuf>, memory: Option<u64>) -> Result<Scene> {
+    let header = &checkpoint.header;
+    let mut reading: SceneReading =
+        serde_json::from_value(header.reading.clone()).context("the checkpoint does not say how its scene was read")?;
+    let options = &mut reading.options;
+    options.max_memory = memory.or(options.max_memory);
+    let is_unknown = header.scene.as_os_str().is_empty();
+    // An imported network has the object space of the files, as in DVR's reference code.
+    options.normalise = if is_unknown { Normalise::Files } else { Normalise::Given(header.object_to_world) };
+    let path = match moved {
+        Some(path) => path,
+        None if is_unknown => bail!("the run was imported without its scene: give its folder with --data"),
+        None => &header.scene,
+    };
+    let (mut scene, _) = reading.read(path).with_context(|| format!("the run's scene, {}", path.display()))?;
+    RefinedCameras::apply(&header.cameras, &mut scene);
+    Ok(scene)
+}
