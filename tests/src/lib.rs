@@ -2,6 +2,7 @@
 //!
 //! What a machine may lack is found through `dvr-test-support`, which says when tests are skipped.
 
+mod field_suite;
 mod pytorch_file;
 
 use std::sync::{Mutex, PoisonError};
@@ -16,6 +17,7 @@ use dvr_core::synth::{SynthConfig, render_dataset};
 use dvr_model::{Decoder, DecoderConfig};
 
 pub use dvr_test_support::{browser, fixture, largest, max_difference, relative_difference, scene};
+pub use field_suite::check_field;
 pub use pytorch_file::{Entry, write_pytorch};
 
 /// A module whose parameters are burn's random numbers on the CPU from a seed on. The generator is shared by the whole

@@ -34,7 +34,7 @@
 //! impl Crossing for Ball {}
 //!
 //! let query = Query::new(Tensor::from_floats([[0.3, 0.0, 0.0]], &Device::flex()));
-//! let gradient = Ball.occupancy_gradient(&query).into_data().to_vec::<f32>().unwrap();
+//! let gradient: Vec<f32> = Ball.occupancy_gradient(&query).into_data().iter::<f32>().collect();
 //! assert!((gradient[0] + 1.0).abs() < 1e-3);
 //! ```
 //!
