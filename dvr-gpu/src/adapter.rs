@@ -1,4 +1,4 @@
-//! The graphics processors of this machine.
+//! The GPUs of this machine.
 
 use std::fmt;
 use std::sync::OnceLock;
@@ -7,7 +7,7 @@ use cubecl::future::block_on;
 use cubecl::wgpu::wgpu::{Backend, DeviceType, Instance, InstanceDescriptor};
 use cubecl::wgpu::{WgpuBackend, WgpuDevice, WgpuDeviceKind};
 
-/// A graphics processor that can be opened, or a program that plays one.
+/// A GPU that can be opened, or a program that emulates one.
 #[derive(Clone, Debug)]
 pub struct Adapter {
     /// Its place among [`adapters`], counted from 0.
@@ -33,13 +33,13 @@ pub struct Adapter {
 pub enum AdapterKind {
     /// A card with memory of its own.
     Discrete,
-    /// A part of the processor, with which it shares memory.
+    /// A part of the CPU's chip, with which it shares memory.
     Integrated,
     /// A part of a card that a virtual machine was given.
     Virtual,
-    /// A graphics processor that does not say more.
+    /// A GPU that does not say more.
     Other,
-    /// A program on the processor that plays one (llvmpipe, SwiftShader, WARP): good for tests alone.
+    /// A program on the CPU that emulates one (llvmpipe, SwiftShader, WARP): good for tests alone.
     Software,
 }
 
@@ -62,7 +62,7 @@ const APIS: [(Backend, WgpuBackend, &str); 3] = [
     (Backend::Dx12, WgpuBackend::Dx12, "DirectX 12"),
 ];
 
-/// All adapters of this machine, the preferred ones first; none where there is no driver. They are looked for once a
+/// All adapters of this machine, the preferred ones first; none where there is no driver. They are looked for once per
 /// process.
 ///
 /// A card that is reached through two interfaces is listed once: those of the first interface that has a graphics

@@ -13,11 +13,11 @@ use crate::memory::{CubeDevice, beyond_limit};
 /// Why training on a device cannot go on.
 #[derive(Debug, thiserror::Error)]
 pub enum DeviceError {
-    /// It is no graphics processor.
-    #[error("this device is no graphics processor")]
+    /// It is not a GPU.
+    #[error("this device is not a GPU")]
     NoGpu,
     /// Something is larger than the device's largest piece of memory.
-    #[error("{what} would take {mebibytes} MiB in one piece, and this graphics processor has at most {most}")]
+    #[error("{what} would take {mebibytes} MiB in one piece, and this GPU has at most {most}")]
     TooLarge {
         /// What it is.
         what: &'static str,
@@ -39,13 +39,13 @@ pub enum DeviceError {
         allowed: u64,
     },
     /// Its kernels are given too few pieces of memory.
-    #[error("this graphics processor gives a kernel {bindings} pieces of memory, and 11 are needed")]
+    #[error("this GPU gives a kernel {bindings} pieces of memory, and 11 are needed")]
     TooFewBindings {
         /// How many it gives.
         bindings: u32,
     },
     /// The driver gave up.
-    #[error("the graphics processor failed: {0}")]
+    #[error("the GPU failed: {0}")]
     Device(String),
 }
 

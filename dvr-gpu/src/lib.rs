@@ -1,4 +1,4 @@
-//! Graphics processors: which there are, how to open one, and the hot loops of volumetric rendering as CubeCL kernels.
+//! GPUs: which there are, how to open one, and the hot loops of volumetric rendering as CubeCL kernels.
 //!
 //! Kernels are written once, and compiled when they are first needed for whatever the device speaks: Vulkan, Metal or
 //! DirectX 12 through wgpu, or CUDA (feature `cuda`). They take and return burn tensors that stay on the device.

@@ -1,4 +1,4 @@
-//! Memory of graphics processors: how much of it there may be used, and how work is cut to keep to that.
+//! Memory of GPUs: how much of it there may be used, and how work is cut to keep to that.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -13,7 +13,7 @@ pub type CubeDevice = burn::backend::tensor::Device<Cube>;
 /// Bytes that each device of this process may take; all that there are until somebody says otherwise.
 static LIMIT: AtomicU64 = AtomicU64::new(u64::MAX);
 
-/// From here on, work on graphics processors is cut so that the tensors of each take at most so many bytes.
+/// From here on, work on GPUs is cut so that the tensors of each take at most `bytes` bytes.
 pub fn limit_memory(bytes: u64) {
     LIMIT.store(bytes, Ordering::Relaxed);
 }
@@ -27,8 +27,8 @@ pub struct MemoryExcess {
     pub allowed: u64,
 }
 
-/// Bytes that a device has set aside for tensors: those in use, and what it keeps to use again. `None` where it is no
-/// graphics processor.
+/// Bytes that a device has set aside for tensors: those in use, and what it keeps to use again. `None` where it is not a
+/// GPU.
 pub fn memory_held(device: &Device) -> Option<u64> {
     is_gpu(device).then(|| device.clone().inner().memory_pool_usage())?.map(|usage| usage.bytes_reserved)
 }
@@ -46,7 +46,7 @@ pub fn memory_excess(device: &Device) -> Option<MemoryExcess> {
     (held > allowed).then_some(MemoryExcess { held, allowed })
 }
 
-/// Bytes that tensors hold and bytes allowed, where so many more would be too many. Of little it is not asked: that
+/// Bytes that tensors hold and bytes allowed, where `more` would be too many. Of little it is not asked: that
 /// would take longer than what it is wanted for.
 pub(crate) fn beyond_limit(device: &CubeDevice, more: u64) -> Option<(u64, u64)> {
     let allowed = LIMIT.load(Ordering::Relaxed);
@@ -60,14 +60,14 @@ pub(crate) fn beyond_limit(device: &CubeDevice, more: u64) -> Option<(u64, u64)>
 /// Bytes that need not be asked for.
 const LITTLE: u64 = 1 << 16;
 
-/// How many rows of so many bytes to handle at once where each is little work: enough to keep a card busy, and within a
+/// How many rows of `bytes` bytes to handle at once where each is little work: enough to keep a card busy, and within a
 /// quarter of what [`limit_memory`] allows.
 pub fn rows_at_once(bytes: u64) -> usize {
     let allowed = LIMIT.load(Ordering::Relaxed) / 4 / bytes.max(1);
     usize::try_from(allowed).unwrap_or(usize::MAX).clamp(1 << 10, 1 << 18)
 }
 
-/// How many points a network is best asked at at once on this device; `None` where it is no graphics processor.
+/// How many points a network is best asked at once on this device; `None` where it is not a GPU.
 ///
 /// Enough to keep it busy, and few enough that no buffer comes near the largest that it can take, that of a small
 /// card's memory, or what [`limit_memory`] allows.

@@ -1,4 +1,4 @@
-//! Opening a graphics processor, with an error where that fails instead of a panic at the first tensor.
+//! Opening a GPU, with an error where that fails instead of a panic at the first tensor.
 
 use std::sync::{Mutex, PoisonError};
 
@@ -9,7 +9,7 @@ use cubecl::wgpu::{AutoGraphicsApi, RuntimeOptions, try_init_setup};
 
 use crate::adapter::{Adapter, adapters};
 
-/// An open graphics processor.
+/// An open GPU.
 #[derive(Clone, Debug)]
 pub struct Gpu {
     /// The device for tensors, without autodiff.
@@ -18,14 +18,14 @@ pub struct Gpu {
     pub adapter: Adapter,
 }
 
-/// Why no graphics processor could be opened.
+/// Why no GPU could be opened.
 #[derive(Debug, thiserror::Error)]
 pub enum GpuError {
     /// There is none, or no driver for it.
-    #[error("no graphics processor was found: no Vulkan, Metal or DirectX 12 driver offers one")]
+    #[error("no GPU was found: no Vulkan, Metal or DirectX 12 driver offers one")]
     NoAdapter,
     /// There are some, but not as many.
-    #[error("there is no gpu:{index}: {count} found, counted from 0; `dvr devices` lists them")]
+    #[error("there is no gpu:{index}: {count} found, counted from 0")]
     NoSuchAdapter {
         /// The one that was asked for.
         index: usize,
@@ -75,7 +75,7 @@ pub fn open(index: usize) -> Result<Gpu, GpuError> {
     Ok(Gpu { device: Device::from(adapter.selector.clone()), adapter })
 }
 
-/// What talks to a graphics processor; `None` where the device is none.
+/// What talks to a GPU; `None` where the device is not a GPU.
 pub(crate) fn client(device: &Device) -> Option<Client> {
     match device.clone().inner().as_dispatch() {
         DispatchDevice::Cube(device) => Some(device.client()),
@@ -83,7 +83,7 @@ pub(crate) fn client(device: &Device) -> Option<Client> {
     }
 }
 
-/// Whether tensors of this device, with or without autodiff, lie on a graphics processor.
+/// Whether tensors of this device, with or without autodiff, lie on a GPU.
 pub fn is_gpu(device: &Device) -> bool {
     matches!(device.clone().inner().as_dispatch(), DispatchDevice::Cube(_))
 }

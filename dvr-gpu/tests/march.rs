@@ -1,4 +1,4 @@
-//! The kernel against its twin in plain Rust: the same network, the same march, one number after the other.
+//! The kernel against a reference implementation in plain Rust: the same network, the same march, one number after the other.
 
 use burn::tensor::{Device, Int, Tensor, TensorData};
 use dvr_gpu::{Gpu, PackedDecoder, RaySearch, Root, march_decoder};
@@ -126,21 +126,21 @@ fn rays(n: usize, objects: usize) -> Vec<Ray> {
         .collect()
 }
 
-/// RayStatus, depth between the samples of whose logits the signs differ, densest depth.
+/// RayStatus, depth between the samples of whose logits the signs differ, depth of the largest logit.
 fn march(network: &Network, ray: &Ray, steps: usize, jittered: bool) -> (u8, [f32; 2], f32) {
     let [entry, exit] = ray.interval;
     let depth = |k: usize| {
         let share = if jittered { (k as f32 + ray.jitter) / steps as f32 } else { k as f32 / (steps - 1) as f32 };
         entry + (exit - entry) * share
     };
-    let (mut densest, mut max_logit_depth) = (f32::NEG_INFINITY, entry);
+    let (mut max_logit, mut max_logit_depth) = (f32::NEG_INFINITY, entry);
     if exit < entry {
         return (0, [0.0; 2], entry);
     }
     for k in 0..steps {
         let logit = network.logit(ray.at(depth(k)), ray.object);
-        if logit > densest {
-            (densest, max_logit_depth) = (logit, depth(k));
+        if logit > max_logit {
+            (max_logit, max_logit_depth) = (logit, depth(k));
         }
         if logit >= 0.0 {
             let before = k.saturating_sub(1);
@@ -175,7 +175,7 @@ fn on_device(network: &Network, rays: &[Ray], search: (usize, Root, usize, bool)
 }
 
 #[test]
-fn the_kernel_finds_what_its_plain_twin_finds() {
+fn the_kernel_finds_what_the_reference_implementation_finds() {
     let Some(Gpu { device, .. }) = dvr_test_support::gpu(dvr_gpu::open(0)) else { return };
     for (network, search) in [
         (Network::new(32, 2, 0, 0.0, 0), (17, Root::Chandrupatla, 8, false)),
@@ -186,10 +186,10 @@ fn the_kernel_finds_what_its_plain_twin_finds() {
         let context = format!("width {}, {:?}", network.hidden, search.1);
         let rays = rays(150, network.objects);
         let found = on_device(&network, &rays, search, &device);
-        let (mut fates, mut unlike) = ([0; 3], 0);
-        for (ray, [status, depth, densest]) in rays.iter().zip(found) {
-            let (expected, [before, behind], expected_densest) = march(&network, ray, search.0, search.3);
-            fates[usize::from(expected)] += 1;
+        let (mut statuses, mut unlike) = ([0; 3], 0);
+        for (ray, [status, depth, max_logit_depth]) in rays.iter().zip(found) {
+            let (expected, [before, behind], expected_depth) = march(&network, ray, search.0, search.3);
+            statuses[usize::from(expected)] += 1;
             // Where a sample lies on the surface to rounding, either side is right.
             if status != f32::from(expected) {
                 unlike += 1;
@@ -201,12 +201,15 @@ fn the_kernel_finds_what_its_plain_twin_finds() {
                     let logit = network.logit(ray.at(depth), ray.object);
                     assert!(logit.abs() < 2e-3, "{context}: the logit at the crossing is {logit}");
                 }
-                0 => assert!((densest - expected_densest).abs() < 1e-5, "{context}: {densest}, not {expected_densest}"),
+                0 => assert!(
+                    (max_logit_depth - expected_depth).abs() < 1e-5,
+                    "{context}: {max_logit_depth}, not {expected_depth}"
+                ),
                 _ => {}
             }
         }
-        println!("{context}: {fates:?} rays miss, hit, start inside; {unlike} unlike");
-        assert!(unlike <= 1 && fates.iter().all(|&count| count > 8), "{context}: {fates:?}, {unlike} unlike");
+        println!("{context}: {statuses:?} rays miss, hit, start inside; {unlike} unlike");
+        assert!(unlike <= 1 && statuses.iter().all(|&count| count > 8), "{context}: {statuses:?}, {unlike} unlike");
         let again = on_device(&network, &rays, search, &device);
         let bits = |found: &[[f32; 3]]| found.iter().flatten().map(|x| x.to_bits()).collect::<Vec<_>>();
         assert_eq!(

@@ -5,7 +5,7 @@ use burn::module::Module;
 use burn::nn::{Initializer, Linear, LinearConfig};
 use burn::tensor::activation::{leaky_relu, relu};
 use burn::tensor::{Device, Int, Tensor};
-use dvr_render::select_rows;
+use dvr_render::gather_rows;
 
 use crate::encoding;
 
@@ -172,7 +172,7 @@ impl Decoder {
 fn given(net: Tensor<2>, condition: Option<&Tensor<2>>, object: Option<&Tensor<1, Int>>) -> Tensor<2> {
     match (condition, object) {
         (None, _) => net,
-        (Some(condition), Some(object)) => net + select_rows(condition.clone(), object.clone()),
+        (Some(condition), Some(object)) => net + gather_rows(condition.clone(), object.clone()),
         (Some(condition), None) => net + condition.clone(),
     }
 }

@@ -3,7 +3,7 @@
 use burn::tensor::Device;
 use rayon::prelude::*;
 
-/// Whether tensors of a device lie on a graphics processor: then they are worth handling in large pieces, and reading a
+/// Whether tensors of a device lie on a GPU: then they are worth handling in large pieces, and reading a
 /// number back makes the program wait for all that was asked before.
 pub fn is_gpu(device: &Device) -> bool {
     #[cfg(feature = "gpu")]
@@ -15,7 +15,7 @@ pub fn is_gpu(device: &Device) -> bool {
     }
 }
 
-/// Where a graphics processor holds more memory than it may: bytes held, and bytes allowed. See
+/// Where a GPU holds more memory than it may: bytes held, and bytes allowed. See
 /// `dvr_gpu::limit_memory`.
 pub fn memory_excess(device: &Device) -> Option<(u64, u64)> {
     #[cfg(feature = "gpu")]

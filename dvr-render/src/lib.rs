@@ -44,24 +44,26 @@
 mod chunks;
 pub mod extract;
 mod field;
+mod gather;
 mod implicit_depth;
 mod march;
-mod rows;
 mod shade;
 mod skip;
+mod slope_rule;
 mod surface;
 mod view;
 mod view_metrics;
 
 pub use chunks::{is_gpu, memory_excess};
 pub use field::{Crossing, Differentiable, Field, FieldJet, FieldValues, Query, Snapshot, axis_direction};
-pub use implicit_depth::{SlopeRule, dot, implicit_depth};
+pub use gather::{DistinctRows, gather_rows};
+pub use implicit_depth::implicit_depth;
 pub use march::{
     Bracket, Hits, HostRays, March, MarchSettings, Marcher, RayStatus, Rays, RootMethod, SnapshotMarcher, TensorMarcher,
 };
-pub use rows::{DistinctRows, select_rows};
 pub use shade::{FieldShader, MeshShader, RenderSettings, Shaded, Shader};
 pub use skip::SkipGrid;
+pub use slope_rule::{SlopeRule, dot};
 pub use surface::Surface;
 pub use view::{Rendering, render_view};
 pub use view_metrics::{ViewMetrics, view_metrics};

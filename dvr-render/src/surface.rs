@@ -3,8 +3,9 @@
 use burn::tensor::Tensor;
 
 use crate::field::{Differentiable, Field};
-use crate::implicit_depth::{SlopeRule, implicit_depth};
+use crate::implicit_depth::implicit_depth;
 use crate::march::Hits;
+use crate::slope_rule::SlopeRule;
 
 /// The visible surface at the hits of a batch, differentiable.
 #[derive(Clone, Debug)]

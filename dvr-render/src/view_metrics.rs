@@ -4,7 +4,7 @@ use crate::shade::Shader;
 use dvr_core::{Ray, View};
 use serde::{Deserialize, Serialize};
 
-/// ViewMetrics with held-out pixels.
+/// Agreement with held-out pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ViewMetrics {
     /// Peak signal-to-noise ratio in dB, both pictures on white.

@@ -97,8 +97,11 @@ fn two_balls_that_touch_are_two_closed_surfaces_or_one_but_never_pinched() {
             let apart = Vec3::new(1.0, 0.7, 0.3).normalize() * (0.2 - 0.5 * overlap);
             let logit = |p| sphere(touch - apart, 0.2)(p).max(sphere(touch + apart, 0.2)(p));
             let mesh = extract(logit, &dual(44, 1)).mesh;
-            let pieces = count_components(&mesh) as i64;
-            assert!((1..=2).contains(&pieces) && euler_characteristic(&mesh) == 2 * pieces, "{center} {overlap}");
+            let components = count_components(&mesh) as i64;
+            assert!(
+                (1..=2).contains(&components) && euler_characteristic(&mesh) == 2 * components,
+                "{center} {overlap}"
+            );
         }
     }
 }

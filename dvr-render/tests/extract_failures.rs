@@ -1,4 +1,4 @@
-//! Fields that have no mesh, and what they are told.
+//! Fields that have no mesh, and how they are refused.
 
 use std::cell::RefCell;
 

@@ -1,4 +1,4 @@
-//! Extraction of a fitted decoder, against the meshes that the original made of it.
+//! Extraction of a fitted decoder, against the meshes that DVR's reference code made of it.
 
 mod support;
 
@@ -55,7 +55,7 @@ impl Reference {
 }
 
 #[test]
-fn our_plain_decoder_computes_what_the_original_does() {
+fn the_plain_decoder_computes_what_the_reference_code_does() {
     let Some((decoder, file)) = decoder().zip(fixture("decoder_eval_c0_h64.npz")) else { return };
     let expected: Vec<f32> = array(&file, "out");
     let at: Vec<f32> = array(&file, "p");
@@ -66,7 +66,7 @@ fn our_plain_decoder_computes_what_the_original_does() {
 }
 
 #[test]
-fn values_at_the_nodes_are_those_of_the_original_where_it_evaluated_them() {
+fn values_at_the_nodes_are_those_of_the_reference_code_where_it_evaluated_them() {
     let Some((decoder, [mise, dense])) = decoder().zip(Reference::both()) else { return };
     for reference in [mise, dense] {
         let nodes = reference.cells + 1;
@@ -87,7 +87,7 @@ fn values_at_the_nodes_are_those_of_the_original_where_it_evaluated_them() {
 }
 
 #[test]
-fn without_refinement_vertices_are_those_of_the_original() {
+fn without_refinement_vertices_are_those_of_the_reference_code() {
     let Some((decoder, references)) = decoder().zip(Reference::both()) else { return };
     for reference in references {
         let extraction = reference.extract(&decoder, 0);
@@ -100,18 +100,18 @@ fn without_refinement_vertices_are_those_of_the_original() {
             theirs.len() as i64 - reference.array::<i64>("faces").len() as i64 / 6
         );
         let worst = largest(pair(&extraction.mesh, &theirs).into_iter().map(|(_, distance)| distance));
-        println!("{}: the vertices are within {worst:.1e} of the original's", reference.name);
+        println!("{}: the vertices are within {worst:.1e} of the reference code's", reference.name);
         // Ours keep a thousandth of a cell away from the nodes.
         assert!(worst < 1.1e-3 * 1.1 / reference.cells as f64);
         let (true_volume, true_area) = (reference.array::<f64>("volume")[0], reference.array::<f64>("area")[0]);
-        // Four crossings out of a plane have two triangulations, and the original may take the other.
+        // Four crossings out of a plane have two triangulations, and the reference code may take the other.
         assert!((volume(&extraction.mesh) / true_volume - 1.0).abs() < 5e-3);
         assert!((area(&extraction.mesh) / true_area - 1.0).abs() < 5e-3);
     }
 }
 
 #[test]
-fn colors_are_those_of_the_original() {
+fn colors_are_those_of_the_reference_code() {
     let Some((decoder, references)) = decoder().zip(Reference::both()) else { return };
     for reference in references {
         let mesh = reference.extract(&decoder, 0).mesh;
@@ -121,7 +121,7 @@ fn colors_are_those_of_the_original() {
             for channel in 0..3 {
                 let ours = 255.0 * colors[ours][channel];
                 let theirs = f32::from(theirs[4 * theirs_at + channel]);
-                // The original cuts off the fraction.
+                // The reference code cuts off the fraction.
                 assert!((ours - 0.5 - theirs).abs() < 0.6, "{ours} {theirs}");
             }
         }
@@ -138,7 +138,7 @@ fn refinement_puts_the_vertices_on_the_level_set() {
     };
     let [none, two, four] = [0, 2, 4].map(logits);
     println!("mean |logit| at the vertices: {none:.1e} unrefined, {two:.1e} after 2 steps, {four:.1e} after 4");
-    assert!((none - 0.012).abs() < 0.002, "the original's figure");
+    assert!((none - 0.012).abs() < 0.002, "the reference code's figure");
     assert!(two < 0.1 * none && four < 0.02 * none);
 }
 

@@ -1,7 +1,7 @@
 //! Gathered rows have the values and gradients of burn's own `select`, on every device.
 
 use burn::tensor::{Device, Int, Tensor, TensorData};
-use dvr_render::{DistinctRows, select_rows};
+use dvr_render::{DistinctRows, gather_rows};
 use dvr_tests::{devices, gpu, max_difference, numbers, tensor1};
 use rand::seq::SliceRandom;
 use rand::{Rng, SeedableRng};
@@ -40,12 +40,12 @@ fn repeated_rows_sum_their_gradients_and_rows_that_are_not_gathered_get_zero() {
     for (name, device) in all_devices() {
         let at = index_tensor(&index, &device);
         let truth = gathered(17, &Device::flex(), |values| values.select(0, index_tensor(&index, &Device::flex())));
-        let ours = gathered(17, &device, |values| select_rows(values, at.clone()));
+        let ours = gathered(17, &device, |values| gather_rows(values, at.clone()));
         assert_eq!(ours[0], truth[0], "{name}");
         assert!(max_difference(&ours[1], &truth[1]) < 1e-5, "{name}");
         assert!(ours[1][..COLUMNS].iter().all(|g| *g == 0.0), "{name}: row 0 was not gathered");
         assert_eq!(
-            gathered(17, &device, |values| select_rows(values, at.clone())),
+            gathered(17, &device, |values| gather_rows(values, at.clone())),
             ours,
             "{name}: the same bits again"
         );
@@ -61,8 +61,8 @@ fn distinct_rows_in_any_order_pass_their_gradients_on_unchanged() {
         for index in [&shuffled[..], &shuffled[..77], &shuffled[..1]] {
             let truth = gathered(300, &Device::flex(), |values| values.select(0, index_tensor(index, &Device::flex())));
             let rows = DistinctRows::new(index, 300, &device);
-            assert_eq!(gathered(300, &device, |values| rows.of(values)), truth, "{name}, {} rows", index.len());
-            let column = |values: Tensor<2>| rows.of_column(values.narrow(1, 2, 1).squeeze_dim(1)).unsqueeze_dim(1);
+            assert_eq!(gathered(300, &device, |values| rows.gather(values)), truth, "{name}, {} rows", index.len());
+            let column = |values: Tensor<2>| rows.gather_column(values.narrow(1, 2, 1).squeeze_dim(1)).unsqueeze_dim(1);
             let column_truth = gathered(300, &Device::flex(), |values| {
                 values.narrow(1, 2, 1).select(0, index_tensor(index, &Device::flex()))
             });
@@ -75,6 +75,6 @@ fn distinct_rows_in_any_order_pass_their_gradients_on_unchanged() {
 fn values_are_scattered_to_their_rows() {
     for (_, device) in all_devices() {
         let rows = DistinctRows::new(&[3, 0], 5, &device);
-        assert_eq!(numbers(rows.spread(tensor1(&[1.5, 2.5], &device))), [2.5, 0.0, 0.0, 1.5, 0.0]);
+        assert_eq!(numbers(rows.scatter(tensor1(&[1.5, 2.5], &device))), [2.5, 0.0, 0.0, 1.5, 0.0]);
     }
 }

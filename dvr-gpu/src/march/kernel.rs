@@ -8,14 +8,14 @@
 
 use cubecl::prelude::*;
 
-use super::bracket::Bracket;
 use super::network::{RAY_COLUMNS, Tile, evaluate};
 use super::plan::{DecoderShape, Search};
+use super::root_search::RootSearch;
 
-/// Columns of what is found: status, depth of the crossing, depth of the densest sample.
+/// Columns of what is found: status, depth of the crossing, depth of the largest logit.
 pub(super) const FOUND_COLUMNS: usize = 3;
 
-/// Fates of rays as numbers.
+/// Ray statuses as numbers.
 const MISSES: f32 = 0.0;
 const HITS: f32 = 1.0;
 const STARTS_INSIDE: f32 = 2.0;
@@ -52,9 +52,9 @@ pub(super) fn march_decoder(
     let mut taken = 0u32;
     let mut narrowing = false;
     let mut last = 0.0f32;
-    let mut densest = f32::new(NOTHING);
+    let mut max_logit = f32::new(NOTHING);
     let mut max_logit_depth = 0.0f32;
-    let bracket = Bracket::new();
+    let root_search = RootSearch::new();
 
     let mut going = 1u32;
     while going > 0u32 {
@@ -62,13 +62,13 @@ pub(super) fn march_decoder(
             // Rays that miss the cube are done before they start.
             while ray < end && rays[ray as usize * RAY_COLUMNS + 7] < rays[ray as usize * RAY_COLUMNS + 6] {
                 let entry = rays[ray as usize * RAY_COLUMNS + 6];
-                tell(found, ray, f32::new(MISSES), entry, entry);
+                write_found(found, ray, f32::new(MISSES), entry, entry);
                 ray += slots as u32;
             }
             busy[slot] = select(ray < end, 1u32, 0u32);
             if ray < end {
                 let at = ray as usize * RAY_COLUMNS;
-                let depth = if narrowing { bracket.next() } else { depth_of(rays, at, sample, steps, search) };
+                let depth = if narrowing { root_search.next() } else { depth_of(rays, at, sample, steps, search) };
                 #[unroll]
                 for axis in 0..3usize {
                     tile.points[axis * slots + slot] = rays[at + axis] + rays[at + 3 + axis] * depth;
@@ -99,12 +99,12 @@ pub(super) fn march_decoder(
                 let mut status = f32::new(-1.0);
                 let mut depth = 0.0f32;
                 if narrowing {
-                    bracket.narrow(logit, comptime!(search.root));
+                    root_search.narrow(logit, comptime!(search.root));
                     taken += 1u32;
                 } else {
                     depth = depth_of(rays, at, sample, steps, search);
-                    if logit > densest {
-                        densest = logit;
+                    if logit > max_logit {
+                        max_logit = logit;
                         max_logit_depth = depth;
                     }
                     // A logit of exactly 0 is on the surface, hence inside; NaN is outside.
@@ -113,7 +113,7 @@ pub(super) fn march_decoder(
                             status = f32::new(STARTS_INSIDE);
                         } else {
                             let before = depth_of(rays, at, sample - 1u32, steps, search);
-                            bracket.begin(before, last, depth, logit, comptime!(search.root));
+                            root_search.begin(before, last, depth, logit, comptime!(search.root));
                             narrowing = true;
                         }
                     } else {
@@ -126,15 +126,15 @@ pub(super) fn march_decoder(
                 }
                 if narrowing && taken == comptime!(search.root_steps) {
                     status = f32::new(HITS);
-                    depth = bracket.best(comptime!(search.root));
+                    depth = root_search.best(comptime!(search.root));
                 }
                 if status >= 0.0f32 {
-                    tell(found, ray, status, depth, max_logit_depth);
+                    write_found(found, ray, status, depth, max_logit_depth);
                     ray += slots as u32;
                     sample = 0u32;
                     taken = 0u32;
                     narrowing = false;
-                    densest = f32::new(NOTHING);
+                    max_logit = f32::new(NOTHING);
                 }
             }
         }
@@ -154,7 +154,7 @@ fn depth_of(rays: &[f32], at: usize, sample: u32, steps: u32, #[comptime] search
 
 /// Writes down what became of a ray.
 #[cube]
-fn tell(found: &mut [f32], ray: u32, status: f32, depth: f32, max_logit_depth: f32) {
+fn write_found(found: &mut [f32], ray: u32, status: f32, depth: f32, max_logit_depth: f32) {
     let at = ray as usize * FOUND_COLUMNS;
     found[at] = status;
     found[at + 1] = depth;

@@ -1,9 +1,9 @@
 //! The gradient-free march through a residual decoder as one kernel.
 
-mod bracket;
 mod kernel;
 mod network;
 mod plan;
+mod root_search;
 
 use burn::backend::ops::FloatTensorOps;
 use burn::backend::tensor::FloatTensor;
@@ -16,7 +16,7 @@ use network::RAY_COLUMNS;
 pub use plan::Root;
 use plan::{DecoderShape, Search};
 
-/// Parameters of a residual decoder on a graphics processor, as they are packed for the kernel.
+/// Parameters of a residual decoder on a GPU, as they are packed for the kernel.
 #[derive(Clone, Debug)]
 pub struct PackedDecoder {
     /// Layer after layer its weights `[inputs, outputs]`, row by row, then its biases; of the last layer the first
@@ -58,7 +58,7 @@ pub struct RaySearch {
 /// Marches rays through a decoder: `[n, 3]`, for each ray its status (0 misses, 1 hits, 2 starts inside), the depth at
 /// which it hits, and the depth of the sample with the largest logit among those that were looked at.
 ///
-/// `None` where the device cannot run the kernel: it is no graphics processor, has too little memory for a group, or
+/// `None` where the device cannot run the kernel: it is not a GPU, has too little memory for a group, or
 /// the numbers are not of single precision.
 pub fn march_decoder(decoder: &PackedDecoder, search: &RaySearch) -> Option<Tensor<2>> {
     let device = decoder.weights.device();
@@ -112,7 +112,7 @@ const MAX_ROUNDS: usize = 4;
 /// Points that a group evaluates at once, the most first. More reuse each weight more often, and need more registers.
 const SLOTS: [usize; 3] = [16, 8, 4];
 
-/// Units a group. All of WebGPU's devices allow as many.
+/// Units per group. All of WebGPU's devices allow as many.
 const MAX_UNITS: usize = 256;
 
 impl PackedDecoder {
@@ -131,7 +131,7 @@ impl PackedDecoder {
     }
 }
 
-/// All that the kernel is told beside tensors.
+/// What the kernel takes beside tensors.
 #[derive(Clone, Copy, Debug)]
 pub struct MarchPlan {
     shape: DecoderShape,

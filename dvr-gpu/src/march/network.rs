@@ -1,7 +1,7 @@
 //! The residual decoder inside a kernel: all units of a group push a tile of points through its layers together.
 //!
 //! A unit owns some columns of each layer, and keeps what they have become in registers; the group's shared memory
-//! holds what all units must see: the layer's inputs. Each weight is read once a tile, and serves all its points.
+//! holds what all units must see: the layer's inputs. Each weight is read once per tile, and serves all its points.
 
 // What `#[cube]` generates beside each function has no documentation.
 #![allow(missing_docs)]
@@ -10,10 +10,10 @@ use cubecl::prelude::*;
 
 use super::plan::DecoderShape;
 
-/// Numbers a ray in the kernels' table of rays: origin, direction, entry, exit, jitter, object.
+/// Numbers per ray in the kernels' table of rays: origin, direction, entry, exit, jitter, object.
 pub(super) const RAY_COLUMNS: usize = 10;
 
-/// Numbers of four points side by side: one instruction reads them from shared memory, where one a number would be the
+/// Numbers of four points side by side: one instruction reads them from shared memory, where one per number would be the
 /// bottleneck.
 pub(super) type Quad = Vector<f32, Const<4>>;
 
@@ -32,7 +32,7 @@ pub(super) struct Tile {
 
 #[cube]
 impl Tile {
-    /// Room for one tile. To be called once a kernel, by all units.
+    /// Room for one tile. To be called once per kernel, by all units.
     pub fn new(#[comptime] shape: DecoderShape) -> Tile {
         Tile {
             points: Shared::new_slice(comptime!(3 * shape.slots)),

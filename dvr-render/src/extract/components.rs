@@ -1,16 +1,16 @@
-//! Connected pieces of a mesh, and how to drop the small ones.
+//! Connected components of a mesh, and how to drop the small ones.
 
 use dvr_core::mesh::{Mesh, face_pieces};
 use glam::Vec3;
 
-/// How many pieces hang together by shared vertices.
+/// How many connected components a mesh has: faces that share vertices.
 pub fn count_components(mesh: &Mesh) -> usize {
     face_pieces(mesh.vertices.len(), &mesh.faces).1
 }
 
 /// Drops every connected piece whose area is below `min_share` of the largest piece's, and vertices that no face uses.
 ///
-/// A closed mesh stays closed: pieces go whole. Returns how many pieces were dropped.
+/// A closed mesh stays closed: components go whole. Returns how many were dropped.
 pub fn drop_small_components(mesh: &mut Mesh, min_share: f64) -> usize {
     let (_, dropped) = retain_large(&mesh.vertices, &mut mesh.faces, min_share);
     let kept = compact(&mut mesh.faces, mesh.vertices.len());
@@ -20,7 +20,7 @@ pub fn drop_small_components(mesh: &mut Mesh, min_share: f64) -> usize {
     dropped
 }
 
-/// Drops the faces of small pieces; how many pieces were kept, and how many dropped.
+/// Drops the faces of small components; how many were kept, and how many dropped.
 pub(super) fn retain_large(vertices: &[Vec3], faces: &mut Vec<[u32; 3]>, min_share: f64) -> (usize, usize) {
     let (labels, count) = face_pieces(vertices.len(), faces);
     let mut areas = vec![0.0; count];
@@ -56,7 +56,7 @@ mod tests {
     use super::*;
 
     /// A large triangle, a small one, a vertex that nothing uses.
-    fn two_pieces() -> Mesh {
+    fn two_components() -> Mesh {
         let vertices =
             vec![Vec3::Z, Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::ONE, Vec3::ONE + 0.1 * Vec3::X, Vec3::splat(1.1)];
         let colors = Some((0..7).map(|k| [k as f32 / 6.0; 3]).collect());
@@ -65,7 +65,7 @@ mod tests {
 
     #[test]
     fn a_small_piece_goes_with_its_vertices_and_colors() {
-        let mut mesh = two_pieces();
+        let mut mesh = two_components();
         assert_eq!(drop_small_components(&mut mesh, 0.5), 1);
         assert_eq!(mesh.vertices, [Vec3::ZERO, Vec3::X, Vec3::Y]);
         assert_eq!(mesh.faces, [[0, 1, 2]]);
@@ -74,13 +74,13 @@ mod tests {
 
     #[test]
     fn a_share_of_zero_keeps_every_piece() {
-        let mut mesh = two_pieces();
+        let mut mesh = two_components();
         assert_eq!(drop_small_components(&mut mesh, 0.0), 0);
         assert_eq!((count_components(&mesh), mesh.vertices.len()), (2, 6));
     }
 
     #[test]
-    fn an_empty_mesh_has_no_pieces() {
+    fn an_empty_mesh_has_no_components() {
         let mut mesh = Mesh::default();
         assert_eq!((drop_small_components(&mut mesh, 0.5), count_components(&mesh)), (0, 0));
     }

@@ -26,7 +26,7 @@ pub(super) struct Contoured {
     pub faces: Vec<[u32; 3]>,
     /// Outward unit normals.
     pub normals: Vec<Vec3>,
-    /// Connected pieces, and how many were too small to stay.
+    /// Connected components, and how many were too small to stay.
     pub components: usize,
     pub dropped_components: usize,
     /// Vertices that lie on the border of the cube.
@@ -56,7 +56,7 @@ fn marching_cubes<F: ScalarField + ?Sized>(
     let (mut crossings, mut faces) = triangulate(&grid);
     drop(grid);
     let positions = |crossings: &[Crossing]| crossings.iter().map(|c| c.position(&geometry)).collect::<Vec<_>>();
-    // Small pieces go before anything is spent on them.
+    // Small components go before anything is spent on them.
     let (components, dropped_components) =
         retain_large(&positions(&crossings), &mut faces, settings.min_component_share);
     let kept = compact(&mut faces, crossings.len());

@@ -1,6 +1,6 @@
 //! Dual contouring: a vertex for each connected patch of the surface in a cell, a quadrilateral for each crossed edge.
 //!
-//! One vertex a cell (Ju et al. 2002) pinches the surface where two of its patches pass through one cell. One vertex a
+//! One vertex per cell (Ju et al. 2002) pinches the surface where two of its patches pass through one cell. One vertex per
 //! loop of the marching cubes case (dual marching cubes, Nielson 2004) does not, and every crossed edge then lies in
 //! one loop of each of its four cells. Together with parted faces (see [`super::marching_cubes`]) the mesh is a closed,
 //! oriented manifold: two vertices share at most one side of a quadrilateral, and the diagonals of quadrilaterals join

@@ -47,7 +47,7 @@ pub enum ExtractError {
         first: Vec3,
     },
     /// The field gave more or fewer answers than it was asked for.
-    #[error("the field answered {answers} {what} for {points} points. It must answer one a point.")]
+    #[error("the field answered {answers} {what} for {points} points. It must answer one per point.")]
     AnswerLength {
         /// "logits", "gradients" or "colors".
         what: &'static str,

@@ -11,9 +11,9 @@ pub struct Extraction {
     pub resolution: usize,
     /// What it cost.
     pub evaluations: Evaluations,
-    /// Connected pieces of the mesh.
+    /// Connected components of the mesh.
     pub components: usize,
-    /// Pieces that were too small to stay.
+    /// Components that were too small to stay.
     pub dropped_components: usize,
     /// What the user should know about this mesh.
     pub warnings: Vec<ExtractWarning>,
@@ -26,7 +26,7 @@ pub struct Evaluations {
     pub grid: usize,
     /// On edges, to refine the crossings.
     pub refinement: usize,
-    /// For the normals: one a vertex (of dual contouring: a crossing) if the field has gradients, else six.
+    /// For the normals: one per vertex (of dual contouring: a crossing) if the field has gradients, else six.
     pub normals: usize,
 }
 

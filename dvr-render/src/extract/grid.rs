@@ -13,7 +13,7 @@ const NO_BLOCK: u32 = u32::MAX;
 
 /// Where the nodes of a grid lie.
 ///
-/// The cube is divided into `cells` cells an edge. Around it lies one layer of cells whose outer nodes are *virtual*:
+/// The cube is divided into `cells` cells per edge. Around it lies one layer of cells whose outer nodes are *virtual*:
 /// they count as outside, whatever the field says there, so that a surface cut by the cube's border is closed. Node
 /// and cell indices include that layer: real nodes are `1..=cells + 1`, virtual ones `0` and `cells + 2`.
 #[derive(Clone, Copy, Debug, PartialEq)]

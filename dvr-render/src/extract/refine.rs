@@ -17,7 +17,7 @@ const TOLERANCE: f64 = 1e-3;
 
 /// A crossing still being searched, by the ITP method (Oliveira and Takahashi 2020): nearly as fast as the secant where
 /// the field is tame, and never slower than bisection plus one step where it is not (the secant alone may crawl).
-struct Bracket {
+struct EdgeBracket {
     crossing: usize,
     /// Ends of the bracket, in units of the edge.
     t: [f64; 2],
@@ -25,7 +25,7 @@ struct Bracket {
     values: [f64; 2],
 }
 
-impl Bracket {
+impl EdgeBracket {
     /// The root of the straight line through the ends.
     fn secant(&self) -> f64 {
         let [a, b] = self.values;
@@ -58,11 +58,11 @@ pub(super) fn refine_crossings<F: ScalarField + ?Sized>(
     crossings: &mut [Crossing],
     steps: usize,
 ) -> Result<()> {
-    let mut brackets: Vec<Bracket> = crossings
+    let mut brackets: Vec<EdgeBracket> = crossings
         .iter()
         .enumerate()
         .filter(|(_, crossing)| !crossing.is_on_border(geometry))
-        .map(|(index, crossing)| Bracket { crossing: index, t: [0.0, 1.0], values: crossing.values.map(f64::from) })
+        .map(|(index, crossing)| EdgeBracket { crossing: index, t: [0.0, 1.0], values: crossing.values.map(f64::from) })
         .collect();
     for step in 0..steps {
         let points: Vec<Vec3> = brackets

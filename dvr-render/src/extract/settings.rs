@@ -4,7 +4,7 @@ use dvr_core::UnitCube;
 
 use super::error::{ExtractError, Result};
 
-/// The most cells an edge. Beyond it, a single-precision vertex cannot be told from the grid's node beside it.
+/// The most cells per edge. Beyond it, a single-precision vertex cannot be told from the grid's node beside it.
 const MAX_RESOLUTION: usize = 2048;
 
 /// How the crossed edges of the grid become triangles. Both give closed, oriented manifolds.
@@ -42,7 +42,7 @@ pub enum NormalSource {
 pub struct ExtractSettings {
     /// Cells along an edge of the cube, at most 2048. Rounded up to a multiple of `2^upsampling_steps`.
     pub resolution: usize,
-    /// How often the coarse grid, of `resolution / 2^upsampling_steps` cells an edge, is refined along the surface.
+    /// How often the coarse grid, of `resolution / 2^upsampling_steps` cells per edge, is refined along the surface.
     /// 0 evaluates the whole grid. Each step makes it about four times cheaper, and doubles what may be missed.
     pub upsampling_steps: usize,
     /// The cube in which the surface is sought.
@@ -51,18 +51,18 @@ pub struct ExtractSettings {
     pub level: f32,
     /// How crossed edges become triangles.
     pub contour: Contour,
-    /// The most evaluations a crossing to move it from where linear interpolation puts it to the true one; 0 for none.
+    /// The most evaluations per crossing to move it from where linear interpolation puts it to the true one; 0 for none.
     pub refinement_steps: usize,
     /// Where vertex normals come from.
     pub normals: NormalSource,
-    /// Connected pieces whose area is below this share of the largest piece's are dropped. 0 keeps all.
+    /// Connected components whose area is below this share of the largest one's are dropped. 0 keeps all.
     pub min_component_share: f64,
     /// The most points the field is evaluated at in one batch.
     pub max_points: usize,
 }
 
 impl Default for ExtractSettings {
-    /// The grid of the original's configurations, 32 cells refined three times to 256, over the whole padded cube.
+    /// The grid of the configurations of DVR's reference code, 32 cells refined three times to 256, over the whole padded cube.
     fn default() -> Self {
         Self {
             resolution: 256,

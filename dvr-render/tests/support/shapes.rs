@@ -5,7 +5,7 @@ use glam::{Mat3, Vec3};
 
 use super::topology::assert_watertight;
 
-/// A grid of so many cells an edge, refined so many times.
+/// A grid of `resolution` cells per edge, after `upsampling_steps` refinements.
 pub fn settings(resolution: usize, upsampling_steps: usize) -> ExtractSettings {
     ExtractSettings { resolution, upsampling_steps, ..Default::default() }
 }
@@ -48,7 +48,7 @@ pub fn tilted_plate(thickness: f32) -> impl Fn(Vec3) -> f32 + Copy {
     }
 }
 
-/// Random signs on a grid of so many cells: a hash of the node's index; every fourth node is exactly at the level.
+/// Random signs on a grid: a hash of the node's index; every fourth node is exactly at the level.
 /// About `share` of the other nodes are inside.
 pub fn noise(seed: u32, cells: f32, share: f32) -> impl Fn(Vec3) -> f32 {
     move |p: Vec3| {

@@ -83,7 +83,11 @@ pub fn step_loss(
         surface_terms(&surface, batch, &roles, config, &mut add);
         if !roles.background_hits.is_empty() {
             let background = DistinctRows::new(&roles.background_hits, hits.len(), &device);
-            add("free_space", weights.free_space, losses::free_space(background.of_column(surface.occupancy_logit)));
+            add(
+                "free_space",
+                weights.free_space,
+                losses::free_space(background.gather_column(surface.occupancy_logit)),
+            );
         }
         // Of a step that is shared, a part may have no neighbours left.
         if weights.normal > 0.0 && !noise.neighbor.is_empty() {
@@ -103,7 +107,7 @@ pub fn step_loss(
         let depth = match (config.occupancy_point, &march) {
             (OccupancyPoint::Densest, Some(march)) => {
                 let searched = DistinctRows::new(&batch.searched, batch.len(), &device);
-                searched.spread(march.max_logit_depth.clone())
+                searched.scatter(march.max_logit_depth.clone())
             }
             _ => anywhere,
         };
@@ -161,14 +165,14 @@ fn surface_terms(
         let object = DistinctRows::new(&roles.object_hits, hits, &device);
         let color = truth(&roles.object_hit_rays);
         if weights.color > 0.0 {
-            add("color", weights.color, losses::color_l1(object.of(surface.color.clone()), color.clone()));
+            add("color", weights.color, losses::color_l1(object.gather(surface.color.clone()), color.clone()));
         }
         if weights.texture > 0.0 {
-            add("texture", weights.texture, losses::color_l1(object.of(surface.fixed_color.clone()), color));
+            add("texture", weights.texture, losses::color_l1(object.gather(surface.fixed_color.clone()), color));
         }
     }
     if weights.image_gradient > 0.0 && !roles.patch_hits.is_empty() {
-        let color = DistinctRows::new(&roles.patch_hits, hits, &device).of(surface.color.clone());
+        let color = DistinctRows::new(&roles.patch_hits, hits, &device).gather(surface.color.clone());
         let loss = losses::image_gradient(color, truth(&roles.patch_rays), config.patch_size);
         add("image_gradient", weights.image_gradient, loss);
     }
@@ -178,9 +182,9 @@ fn surface_terms(
         let truth = floats(&truth, &device);
         let loss = if weights.depth_on_points {
             let rays = batch.rays.select(&indices(&roles.depth_rays, &device));
-            losses::point_distance(measured.of(surface.point.clone()), Tensor::from_inner(rays.at(truth)))
+            losses::point_distance(measured.gather(surface.point.clone()), Tensor::from_inner(rays.at(truth)))
         } else {
-            losses::depth_l1(measured.of_column(surface.depth.clone()), Tensor::from_inner(truth))
+            losses::depth_l1(measured.gather_column(surface.depth.clone()), Tensor::from_inner(truth))
         };
         add("depth", weights.depth, loss);
     }

@@ -1,4 +1,4 @@
-//! Root search in a bracket, a ray at a time: the twin of `dvr_render`'s search over tensors, step for step.
+//! Root search in a bracket, one ray at a time: the same steps as in `dvr_render`'s search over tensors, which is its reference implementation.
 
 #![allow(missing_docs)]
 
@@ -8,7 +8,7 @@ use super::plan::Root;
 
 /// Two depths with a crossing between them. Names are those of the literature (Chandrupatla 1997): `x1` is the newest.
 #[derive(CubeType)]
-pub(super) struct Bracket {
+pub(super) struct RootSearch {
     x1: RuntimeCell<f32>,
     f1: RuntimeCell<f32>,
     x2: RuntimeCell<f32>,
@@ -18,10 +18,10 @@ pub(super) struct Bracket {
 }
 
 #[cube]
-impl Bracket {
+impl RootSearch {
     /// One of no meaning.
-    pub fn new() -> Bracket {
-        Bracket {
+    pub fn new() -> RootSearch {
+        RootSearch {
             x1: RuntimeCell::new(0.0f32),
             f1: RuntimeCell::new(0.0f32),
             x2: RuntimeCell::new(0.0f32),
@@ -60,7 +60,7 @@ impl Bracket {
         self.x1.read() + self.t.read() * (self.x2.read() - self.x1.read())
     }
 
-    /// Takes in the logit at [`Bracket::next`].
+    /// Takes in the logit at [`RootSearch::next`].
     pub fn narrow(&self, f: f32, #[comptime] root: Root) {
         if comptime!(root == Root::Chandrupatla) {
             self.chandrupatla(f);

@@ -1,11 +1,11 @@
-//! Rows of a tensor by their number, with backward passes that a graphics processor can share out.
+//! Gathering rows of a tensor, with backward passes that a GPU can share out.
 //!
-//! burn's own `select` adds up gradients with one work-item a column, which goes through all rows in turn: for a column
+//! burn's own `select` adds up gradients with one work-item per column, which goes through all rows in turn: for a column
 //! of numbers, one work-item of some ten thousand. Where no row is picked twice, its gradient is a row of the answer's
-//! gradient, and can be picked in turn ([`DistinctRows`]). Where rows repeat, the sum is a matrix product
-//! ([`select_rows`]). Both add in a fixed order: the same bits in every run.
+//! gradient, and can be gathered in turn ([`DistinctRows`]). Where rows repeat, the sum is a matrix product
+//! ([`gather_rows`]). Both add in a fixed order: the same bits in every run.
 
-// Upstream deprecates burn-ndarray; here it is only a second oracle, behind a feature.
+// Upstream deprecates burn-ndarray; here it is only a second backend to compare with, behind a feature.
 #![allow(deprecated)]
 
 #[cfg(feature = "gpu")]
@@ -30,7 +30,7 @@ pub struct DistinctRows {
 }
 
 impl DistinctRows {
-    /// Rows of tensors that have `of` rows, on `device`, which is without autodiff. Each number is below `of`, and
+    /// Rows `index` of tensors that have `of` rows, on `device`, which is without autodiff. Each number is below `of`, and
     /// there once.
     pub fn new(index: &[i64], of: usize, device: &Device) -> Self {
         let mut place = vec![index.len() as i64; of];
@@ -46,41 +46,41 @@ impl DistinctRows {
     }
 
     /// These rows: `[m, c]` to `[n, c]`, on the graph.
-    pub fn of(&self, values: Tensor<2>) -> Tensor<2> {
-        Tensor::from_dispatch(<Dispatch as SelectRows>::select_distinct_rows(
+    pub fn gather(&self, values: Tensor<2>) -> Tensor<2> {
+        Tensor::from_dispatch(<Dispatch as GatherRows>::gather_distinct_rows(
             values.into_dispatch(),
             self.index.clone().into_dispatch(),
             self.place.clone().into_dispatch(),
         ))
     }
 
-    /// Puts numbers where these rows are and zeros elsewhere: `[n]` to `[m]`, not on the graph.
-    pub fn spread(&self, values: Tensor<1>) -> Tensor<1> {
+    /// Scatters numbers to where these rows are, with zeros elsewhere: `[n]` to `[m]`, not on the graph.
+    pub fn scatter(&self, values: Tensor<1>) -> Tensor<1> {
         let zero = Tensor::zeros([1], &values.device());
         Tensor::cat(vec![values, zero], 0).select(0, self.place.clone())
     }
 
     /// The same of a column: `[m]` to `[n]`.
-    pub fn of_column(&self, values: Tensor<1>) -> Tensor<1> {
-        self.of(values.unsqueeze_dim(1)).squeeze_dim(1)
+    pub fn gather_column(&self, values: Tensor<1>) -> Tensor<1> {
+        self.gather(values.unsqueeze_dim(1)).squeeze_dim(1)
     }
 }
 
-/// The rows `index`, `[n]`, of `values`, `[m, c]`, on the graph; rows may repeat. For an `m` that is small beside `n`.
-pub fn select_rows(values: Tensor<2>, index: Tensor<1, Int>) -> Tensor<2> {
-    Tensor::from_dispatch(<Dispatch as SelectRows>::select_rows(values.into_dispatch(), index.into_dispatch()))
+/// Gathers the rows `index`, `[n]`, of `values`, `[m, c]`, on the graph; rows may repeat. For an `m` that is small beside `n`.
+pub fn gather_rows(values: Tensor<2>, index: Tensor<1, Int>) -> Tensor<2> {
+    Tensor::from_dispatch(<Dispatch as GatherRows>::gather_rows(values.into_dispatch(), index.into_dispatch()))
 }
 
-/// The operations as an extension of burn's backends; use [`DistinctRows`] and [`select_rows`].
+/// The operations as an extension of burn's backends; use [`DistinctRows`] and [`gather_rows`].
 #[backend_extension(Autodiff, Flex, NdArray: cfg(feature = "ndarray"), Cube: cfg(feature = "gpu"))]
-pub trait SelectRows: Backend {
+pub trait GatherRows: Backend {
     /// `[m, c]` and `[n]` to `[n, c]`.
-    fn select_rows(values: FloatTensor<Self>, index: IntTensor<Self>) -> FloatTensor<Self> {
+    fn gather_rows(values: FloatTensor<Self>, index: IntTensor<Self>) -> FloatTensor<Self> {
         Self::float_select(values, 0, index)
     }
 
     /// `[m, c]`, `[n]` and `[m]` to `[n, c]`; only the autodiff backend looks at `place`.
-    fn select_distinct_rows(
+    fn gather_distinct_rows(
         values: FloatTensor<Self>,
         index: IntTensor<Self>,
         place: IntTensor<Self>,
@@ -90,30 +90,30 @@ pub trait SelectRows: Backend {
     }
 }
 
-/// The transpose of [`select_rows`], for its backward pass.
-pub trait SumRows: SelectRows {
+/// The transpose of [`gather_rows`], for its backward pass.
+pub trait ScatterAddRows: GatherRows {
     /// Adds the rows of `by`, `[n, c]`, into `rows` rows at `index`, `[n]`: `[rows, c]`.
-    fn sum_rows(by: FloatTensor<Self>, index: IntTensor<Self>, rows: usize) -> FloatTensor<Self> {
+    fn scatter_add_rows(by: FloatTensor<Self>, index: IntTensor<Self>, rows: usize) -> FloatTensor<Self> {
         let zeros = Self::float_zeros(Shape::new([rows, by.shape()[1]]), &by.device(), by.dtype().into());
         Self::float_select_assign(zeros, 0, index, by, IndexingUpdateOp::Add)
     }
 }
 
-impl SelectRows for Flex {}
-impl SumRows for Flex {}
+impl GatherRows for Flex {}
+impl ScatterAddRows for Flex {}
 
 #[cfg(feature = "ndarray")]
-impl SelectRows for NdArray {}
+impl GatherRows for NdArray {}
 #[cfg(feature = "ndarray")]
-impl SumRows for NdArray {}
+impl ScatterAddRows for NdArray {}
 
 #[cfg(feature = "gpu")]
-impl SelectRows for Cube {}
+impl GatherRows for Cube {}
 
 #[cfg(feature = "gpu")]
-impl SumRows for Cube {
+impl ScatterAddRows for Cube {
     /// A product with the matrix that has a 1 where a row of `by` belongs.
-    fn sum_rows(by: FloatTensor<Self>, index: IntTensor<Self>, rows: usize) -> FloatTensor<Self> {
+    fn scatter_add_rows(by: FloatTensor<Self>, index: IntTensor<Self>, rows: usize) -> FloatTensor<Self> {
         use burn::backend::ops::{BoolTensorOps, FloatTensorOps, IntTensorOps};
         use burn::tensor::{BoolStore, DType};
         let (count, device) = (index.shape()[0], by.device());
@@ -125,30 +125,30 @@ impl SumRows for Cube {
     }
 }
 
-impl<B: SumRows, C: CheckpointStrategy> SelectRows for Autodiff<B, C> {
-    fn select_rows(values: FloatTensor<Self>, index: IntTensor<Self>) -> FloatTensor<Self> {
+impl<B: ScatterAddRows, C: CheckpointStrategy> GatherRows for Autodiff<B, C> {
+    fn gather_rows(values: FloatTensor<Self>, index: IntTensor<Self>) -> FloatTensor<Self> {
         #[derive(Debug)]
         struct Repeated;
 
-        impl<B: SumRows> Backward<B, 1> for Repeated {
+        impl<B: ScatterAddRows> Backward<B, 1> for Repeated {
             type State = (IntTensor<B>, usize);
 
             fn backward(self, ops: Ops<Self::State, 1>, grads: &mut Gradients, _checkpointer: &mut Checkpointer) {
                 let (index, rows) = ops.state;
-                unary::<B, _>(ops.parents, ops.node, grads, |by| B::sum_rows(by, index, rows));
+                unary::<B, _>(ops.parents, ops.node, grads, |by| B::scatter_add_rows(by, index, rows));
             }
         }
 
         let rows = values.primitive().shape()[0];
         match Repeated.prepare::<C>([values.node()]).compute_bound().stateful() {
             OpsKind::Tracked(prep) => {
-                prep.finish((index.clone(), rows), B::select_rows(values.into_primitive(), index))
+                prep.finish((index.clone(), rows), B::gather_rows(values.into_primitive(), index))
             }
-            OpsKind::UnTracked(prep) => prep.finish(B::select_rows(values.into_primitive(), index)),
+            OpsKind::UnTracked(prep) => prep.finish(B::gather_rows(values.into_primitive(), index)),
         }
     }
 
-    fn select_distinct_rows(
+    fn gather_distinct_rows(
         values: FloatTensor<Self>,
         index: IntTensor<Self>,
         place: IntTensor<Self>,
