@@ -22,6 +22,7 @@
 
 #![warn(missing_docs)]
 
+mod bilinear;
 mod bvh;
 mod camera;
 pub mod dataset;
@@ -49,6 +50,7 @@ mod view_split;
 mod visibility;
 pub mod voxel;
 
+pub use bilinear::{Bilinear, Linear};
 pub use bvh::{Bvh, RayHit};
 pub use camera::{Camera, Similarity};
 pub use error::{CameraError, ComparisonError, Error, NormalisationError, Result};

@@ -1,6 +1,7 @@
 //! How well a field, or a mesh, explains views that it was not made from.
 
 use crate::shade::Shader;
+use dvr_core::metrics::picture::psnr_of_error;
 use dvr_core::{Ray, View};
 use serde::{Deserialize, Serialize};
 
@@ -32,7 +33,7 @@ pub fn view_metrics(shader: &dyn Shader, views: &[&View], max_pixels: usize) -> 
     }
     let count = pixels.len();
     (count > 0).then(|| ViewMetrics {
-        psnr: -10.0 * (squared / count as f64).max(1e-12).log10(),
+        psnr: psnr_of_error(squared / count as f64),
         mask_iou: if union == 0 { 1.0 } else { intersection as f64 / union as f64 },
         pixels: count,
     })

@@ -153,6 +153,7 @@ fn blend(scale: &[[f32; 3]], share: f32) -> Rgb<u8> {
 #[cfg(test)]
 mod tests {
     use dvr_core::mesh::shapes;
+    use dvr_core::metrics::picture::MAX_PSNR;
     use dvr_core::{Camera, stored};
     use dvr_render::MeshShader;
     use glam::DVec3;
@@ -168,7 +169,7 @@ mod tests {
         let view = |image: RgbImage| View::new("front", camera.clone(), stored(image), silhouette.clone());
         let right = view_pictures(&shader, &view(RgbImage::from_pixel(48, 36, Rgb([255; 3]))), 480).unwrap();
         assert_eq!((right.size, right.mask_iou), ((48, 36), Some(1.0)));
-        assert!(right.psnr.is_infinite() && right.photo.starts_with("data:image/jpeg;base64,"));
+        assert!(right.psnr == MAX_PSNR && right.photo.starts_with("data:image/jpeg;base64,"));
         let [near, far] = right.depth_range.unwrap();
         assert!((near - 1.6).abs() < 0.02 && far < 2.0, "{near} {far}");
         let wrong = view_pictures(&shader, &view(RgbImage::from_pixel(48, 36, Rgb([0; 3]))), 24).unwrap();

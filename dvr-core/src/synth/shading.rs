@@ -5,6 +5,7 @@ use std::sync::LazyLock;
 use glam::{DVec3, Vec2, Vec3};
 
 use super::config::Lighting;
+use crate::bilinear::Bilinear;
 use crate::bvh::{Bvh, RayHit};
 use crate::mesh::{Material, TexturedMesh};
 use crate::ray::Ray;
@@ -87,18 +88,16 @@ fn bilinear(texture: &image::RgbaImage, uv: Vec2) -> Vec3 {
     let (width, height) = texture.dimensions();
     let uv = if uv.is_finite() { uv } else { Vec2::ZERO };
     // v points up, rows run down.
-    let x = (uv.x - uv.x.floor()) * width as f32 - 0.5;
-    let y = (1.0 - (uv.y - uv.y.floor())) * height as f32 - 0.5;
-    let (x0, y0) = (x.floor(), y.floor());
-    let (fx, fy) = (x - x0, y - y0);
-    let texel = |dx: i64, dy: i64| {
-        let (u, v) = ((x0 as i64 + dx).rem_euclid(width.into()), (y0 as i64 + dy).rem_euclid(height.into()));
-        let [r, g, b, _] = texture.get_pixel(u as u32, v as u32).0;
+    let x = (uv.x - uv.x.floor()) * width as f32;
+    let y = (1.0 - (uv.y - uv.y.floor())) * height as f32;
+    let at = Bilinear::repeating(Vec2::new(x, y), (width, height));
+    let [a, b, c, d] = at.pixels.map(|(u, v)| {
+        let [r, g, b, _] = texture.get_pixel(u, v).0;
         Vec3::from([r, g, b].map(|byte| LINEAR[usize::from(byte)]))
-    };
-    let top = texel(0, 0).lerp(texel(1, 0), fx);
-    let bottom = texel(0, 1).lerp(texel(1, 1), fx);
-    top.lerp(bottom, fy)
+    });
+    // Not `Bilinear::value`, which rounds otherwise: the same seed makes the same pictures, bit for bit.
+    let [s, t] = at.fraction;
+    a.lerp(b, s).lerp(c.lerp(d, s), t)
 }
 
 #[cfg(test)]

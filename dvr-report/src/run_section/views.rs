@@ -2,6 +2,8 @@
 
 use std::fmt::Write;
 
+use dvr_core::metrics::picture::MAX_PSNR;
+
 use crate::html::escape;
 use crate::pictures::{LARGEST_ERROR, ViewPictures};
 use crate::summary::RunSummary;
@@ -56,7 +58,7 @@ fn one_view(view: &ViewPictures, scale: f64, first: bool) -> String {
              decoding=\"async\"><figcaption title=\"{hint}\">{text}</figcaption></figure>"
         )
     };
-    let psnr = if view.psnr.is_finite() { format!("{:.2} dB", view.psnr) } else { "no difference".into() };
+    let psnr = if view.psnr < MAX_PSNR { format!("{:.2} dB", view.psnr) } else { "no difference".into() };
     let iou = view.mask_iou.map_or("unknown".into(), |iou| format!("{iou:.4}"));
     format!(
         "<div class=\"view\" style=\"--aspect:{width}/{height}\"{}><div class=\"compare\" \

@@ -1,6 +1,6 @@
 //! A photograph as a smooth function of the pixel.
 
-use dvr_core::Picture;
+use dvr_core::{Bilinear, Picture};
 use glam::{DVec2, Vec3};
 use image::imageops;
 
@@ -39,18 +39,10 @@ impl SmoothPhotograph {
 
     /// Bilinear between the centres of pixels; `None` beyond the outermost.
     pub fn sample(&self, pixel: DVec2) -> Option<Sampled> {
-        let (x, y) = (pixel.x - 0.5, pixel.y - 0.5);
-        let inside = x >= 0.0 && y >= 0.0 && x < f64::from(self.width) - 1.0 && y < f64::from(self.height) - 1.0;
-        if !inside {
-            return None;
-        }
-        let (u, v) = (x as usize, y as usize);
-        let (s, t) = (x.fract() as f32, y.fract() as f32);
-        let row = self.width as usize;
-        let at = v * row + u;
-        let [a, b, c, d] = [at, at + 1, at + row, at + row + 1].map(|i| self.colors[i]);
-        let (top, bottom) = (a + (b - a) * s, c + (d - c) * s);
-        Some(Sampled { color: top + (bottom - top) * t, by_x: (b - a) + ((d - c) - (b - a)) * t, by_y: bottom - top })
+        let at = Bilinear::at(pixel, (self.width, self.height))?;
+        let corners = at.pixels.map(|(u, v)| self.colors[v as usize * self.width as usize + u as usize]);
+        let [by_x, by_y] = at.derivatives(corners);
+        Some(Sampled { color: at.value(corners), by_x, by_y })
     }
 }
 

@@ -4,7 +4,7 @@
 //! is known, its colours can be read where they are sharp.
 
 use dvr_core::mesh::Mesh;
-use dvr_core::{Observation, Sight, View, Visibility};
+use dvr_core::{Bilinear, Observation, Sight, View, Visibility};
 use glam::DVec2;
 use rayon::prelude::*;
 
@@ -53,21 +53,13 @@ fn shown(view: &View, sight: &Sight) -> Option<Shown> {
 
 /// The bilinear colour at pixel coordinates, or `None` where one of the four pixels is not the object's.
 fn sample(view: &View, pixel: DVec2) -> Option<[f32; 3]> {
-    let (width, height) = view.image.dimensions();
-    let corner = pixel - 0.5;
-    let (u, v) = (corner.x.floor(), corner.y.floor());
-    if u < 0.0 || v < 0.0 || u + 1.0 >= f64::from(width) || v + 1.0 >= f64::from(height) {
-        return None;
-    }
-    let (s, t) = ((corner.x - u) as f32, (corner.y - v) as f32);
-    let (u, v) = (u as u32, v as u32);
+    let at = Bilinear::at(pixel, view.image.dimensions())?;
     let mut color = [0.0; 3];
-    for (du, dv, weight) in [(0, 0, (1.0 - s) * (1.0 - t)), (1, 0, s * (1.0 - t)), (0, 1, (1.0 - s) * t), (1, 1, s * t)]
-    {
-        if !view.is_training_object(u + du, v + dv) {
+    for ((u, v), weight) in at.pixels.into_iter().zip(at.weights()) {
+        if !view.is_training_object(u, v) {
             return None;
         }
-        let pixel = view.image.get_pixel(u + du, v + dv).0;
+        let pixel = view.image.get_pixel(u, v).0;
         (0..3).for_each(|c| color[c] += weight * f32::from(pixel[c]) / 255.0);
     }
     Some(color)
