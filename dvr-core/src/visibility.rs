@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use crate::bvh::Bvh;
 use crate::camera::Camera;
 use crate::mesh::{Mesh, shapes};
+use crate::observation::Observation;
 use crate::ray::Ray;
 
 /// Cosine between the line of sight and the normal below which a view does not see a vertex: beyond 78 degrees a pixel
@@ -16,31 +17,6 @@ const MIN_COSINE: f64 = 0.2;
 
 /// Share of the distance to the camera that a line of sight leaves the surface by before it is tested for occlusion.
 const CLEARANCE: f64 = 2e-3;
-
-/// How well the views of a scene see a vertex. Zeros: nothing was ever seen of it, and what is there was made up.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Observation {
-    /// Views that see the vertex: it projects into their frame, nothing of the mesh is in between, and the line of
-    /// sight is less than 78 degrees away from the normal.
-    pub views: u16,
-    /// `cos(best) (1 - 2^-views)`, in `[0, 1]`: the cosine of the smallest angle between a line of sight and the
-    /// normal, times a half for a single view (which tells a colour but no depth), three quarters for two, and so on
-    /// towards one.
-    pub confidence: f32,
-}
-
-impl Observation {
-    /// Of a point seen by as many views as there are cosines between their lines of sight and the normal.
-    pub fn of(cosines: impl IntoIterator<Item = f64>) -> Self {
-        let (mut views, mut best) = (0u16, 0.0f64);
-        for cosine in cosines {
-            views = views.saturating_add(1);
-            best = best.max(cosine);
-        }
-        let confidence = best.clamp(0.0, 1.0) * (1.0 - 0.5f64.powi(i32::from(views)));
-        Self { views, confidence: confidence as f32 }
-    }
-}
 
 /// How one view sees a vertex.
 #[derive(Clone, Copy, Debug, PartialEq)]

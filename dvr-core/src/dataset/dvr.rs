@@ -9,29 +9,21 @@ use std::path::{Path, PathBuf};
 
 use glam::{DMat4, Vec3};
 
-use super::found::{Coordinates, Found, FoundView, Place, Projection};
 use super::masks::find_masks;
 use super::matrices::{numbers_of, read_matrix};
+use super::object_files::{cameras_file, image_folder};
 use super::objects::object_folder;
 use super::options::ReadOptions;
 use super::pairing::{camera_indices, list_files, partners, pictures, sub_folder, view_names};
+use super::raw_scene::{Coordinates, ObjectBounds, Projection, RawScene, RawView};
 use crate::camera::Similarity;
 use crate::error::{Error, Result};
 use crate::npz::NpzFile;
 use crate::points::{OccupancySamples, PointCloud};
 use crate::scene::{GroundTruth, SparsePoints, Split};
 
-/// Names of the folder of images.
-pub(super) const IMAGE_FOLDERS: [&str; 5] = ["image", "images", "rgb", "img", "img_choy2016"];
-
-/// The file with an object's cameras, beside its images or among them.
-pub(super) fn cameras_file(object: &Path) -> Option<PathBuf> {
-    let among = sub_folder(object, &IMAGE_FOLDERS).map(|folder| folder.join("cameras.npz"));
-    [Some(object.join("cameras.npz")), among].into_iter().flatten().find(|path| path.is_file())
-}
-
 /// Finds the views of an object, given its folder, or that of a category or dataset with a single object.
-pub(super) fn find(path: &Path, options: &ReadOptions) -> Result<Found> {
+pub(super) fn find(path: &Path, options: &ReadOptions) -> Result<RawScene> {
     let root = object_folder(path)?;
     let ObjectViews { views, indices, cameras, object_to_world, mut warnings } =
         find_views(&root, options.visual_hull_depth)?;
@@ -39,13 +31,13 @@ pub(super) fn find(path: &Path, options: &ReadOptions) -> Result<Found> {
     let files_to_world = Similarity::from_matrix(&object_to_world).map_err(unusable)?;
     let sparse_points = read_sparse_points(&root, &files_to_world, &indices, &mut warnings)?;
     let ground_truth = read_ground_truth(&root)?;
-    Ok(Found {
+    Ok(RawScene {
         format: "DVR",
         root,
         cameras,
         views,
         files_to_world,
-        place: Place::UnitCube,
+        object_bounds: ObjectBounds::UnitCube,
         sparse_points,
         ground_truth,
         warnings,
@@ -54,7 +46,7 @@ pub(super) fn find(path: &Path, options: &ReadOptions) -> Result<Found> {
 
 /// The views of one object, before any pixel is read.
 pub(super) struct ObjectViews {
-    pub views: Vec<FoundView>,
+    pub views: Vec<RawView>,
     /// The number of each view's camera.
     pub indices: Vec<u64>,
     /// The file with the cameras.
@@ -87,7 +79,7 @@ pub(super) fn find_views(root: &Path, visual_hull_depth: bool) -> Result<ObjectV
         }
         let projection = read_projection(&mut npz, indices[i], &scale_mat)?;
         let (mask, depth) = (masks[i].clone(), depths[i].clone());
-        views.push(FoundView { name, image, mask, depth, projection, split: Split::Train });
+        views.push(RawView { name, image, mask, depth, projection, split: Split::Train });
     }
     let object_to_world = object_to_world.unwrap_or(DMat4::IDENTITY);
     Ok(ObjectViews { views, indices, cameras, object_to_world, warnings })
@@ -96,20 +88,6 @@ pub(super) fn find_views(root: &Path, visual_hull_depth: bool) -> Result<ObjectV
 /// The true shape of the object in the folder `root`, as far as it is there.
 pub(super) fn read_ground_truth(root: &Path) -> Result<GroundTruth> {
     Ok(GroundTruth { surface: read_surface(root)?, occupancy: read_occupancy(root)? })
-}
-
-pub(super) fn image_folder(root: &Path) -> Result<PathBuf> {
-    let folder = sub_folder(root, &IMAGE_FOLDERS).ok_or_else(|| {
-        Error::format(
-            root,
-            "there is no folder of images",
-            format!("Put the pictures into one of {}.", IMAGE_FOLDERS.join(", ")),
-        )
-    })?;
-    if list_files(&folder, pictures())?.is_empty() {
-        return Err(Error::format(&folder, "there are no pictures", "Put PNG or JPEG files there."));
-    }
-    Ok(folder)
 }
 
 fn read_scale_mat(npz: &mut NpzFile, index: u64) -> Result<DMat4> {

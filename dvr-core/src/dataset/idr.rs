@@ -7,11 +7,11 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
-use super::dvr::image_folder;
-use super::found::{Coordinates, Found, FoundView, Place, Projection};
 use super::masks::find_masks;
 use super::matrices::{numbers_of, read_matrix};
+use super::object_files::image_folder;
 use super::pairing::{camera_indices, folder_of, list_files, pictures, view_names};
+use super::raw_scene::{Coordinates, ObjectBounds, Projection, RawScene, RawView};
 use crate::camera::Similarity;
 use crate::error::{Error, Result};
 use crate::npz::NpzFile;
@@ -26,7 +26,7 @@ pub(super) fn cameras_file(path: &Path) -> Option<PathBuf> {
 }
 
 /// Finds the views of the folder, or of the folder of the file.
-pub(super) fn find(path: &Path) -> Result<Found> {
+pub(super) fn find(path: &Path) -> Result<RawScene> {
     let cameras = cameras_file(path).ok_or_else(|| {
         Error::format(path, "there is no cameras_sphere.npz and no cameras.npz", "Give the folder that holds it.")
     })?;
@@ -42,20 +42,20 @@ pub(super) fn find(path: &Path) -> Result<Found> {
     for (((name, image), mask), &index) in names.into_iter().zip(images).zip(masks).zip(&indices) {
         let world_mat = read_matrix(&mut npz, &format!("world_mat_{index}"))?;
         let projection = Projection::from_matrix(&world_mat, Coordinates::Pixels(None)).shifted_to_corners();
-        views.push(FoundView { name, image, mask, depth: None, projection, split: Split::Train });
+        views.push(RawView { name, image, mask, depth: None, projection, split: Split::Train });
     }
     let scale_mat = indices.first().map(|index| format!("scale_mat_{index}")).filter(|name| npz.contains(name));
-    let place = match scale_mat {
-        Some(name) => Place::Bound(sphere_to_cube(&mut npz, &name)?),
-        None => Place::Unknown,
+    let object_bounds = match scale_mat {
+        Some(name) => ObjectBounds::Bound(sphere_to_cube(&mut npz, &name)?),
+        None => ObjectBounds::Unknown,
     };
-    Ok(Found {
+    Ok(RawScene {
         format: "IDR/NeuS",
         root,
         cameras,
         views,
         files_to_world: Similarity::default(),
-        place,
+        object_bounds,
         sparse_points: None,
         ground_truth: GroundTruth::default(),
         warnings: Vec::new(),

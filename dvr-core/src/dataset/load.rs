@@ -7,9 +7,9 @@ use image::imageops;
 use rayon::prelude::*;
 
 use super::downscale::{downscale_camera, downscale_depth, downscale_image, downscale_mask};
-use super::found::{Coordinates, Found, FoundView, Place, Projection};
 use super::masks::mask_from_background;
 use super::options::ReadOptions;
+use super::raw_scene::{Coordinates, ObjectBounds, Projection, RawScene, RawView};
 use crate::error::{Error, Result};
 use crate::files::{Photo, read_depth_exr, read_mask, read_photo};
 use crate::paged_images::PagedImages;
@@ -21,19 +21,19 @@ use crate::scene::{MaskSource, Split, View};
 ///
 /// # Errors
 /// [`Error::UnknownView`] where a view to leave out does not exist, [`Error::TooFewViews`] where fewer than two are left.
-pub(super) fn select_views(found: &mut Found, options: &ReadOptions) -> Result<()> {
-    let mut keep = vec![true; found.views.len()];
+pub(super) fn select_views(raw: &mut RawScene, options: &ReadOptions) -> Result<()> {
+    let mut keep = vec![true; raw.views.len()];
     for ignored in &options.ignored_views {
-        let by_name = found.views.iter().position(|view| &view.name == ignored);
+        let by_name = raw.views.iter().position(|view| &view.name == ignored);
         let by_number = || ignored.parse::<usize>().ok().filter(|&index| index < keep.len());
         let index = by_name.or_else(by_number).ok_or_else(|| {
-            let known = found.views.iter().map(|view| view.name.clone()).collect();
+            let known = raw.views.iter().map(|view| view.name.clone()).collect();
             Error::UnknownView { name: ignored.clone(), known }
         })?;
         keep[index] = false;
     }
     if let Some(n_views) = options.n_views {
-        let train: Vec<usize> = (0..keep.len()).filter(|&i| keep[i] && found.views[i].split == Split::Train).collect();
+        let train: Vec<usize> = (0..keep.len()).filter(|&i| keep[i] && raw.views[i].split == Split::Train).collect();
         if n_views < train.len() {
             train.iter().for_each(|&i| keep[i] = false);
             // The middle of each of n equal parts of the list.
@@ -43,14 +43,14 @@ pub(super) fn select_views(found: &mut Found, options: &ReadOptions) -> Result<(
     let new_index: Vec<Option<usize>> =
         keep.iter().scan(0, |next, &keep| Some(keep.then(|| std::mem::replace(next, *next + 1)))).collect();
     let mut kept = keep.iter();
-    found.views.retain(|_| kept.next().copied().unwrap_or(true));
-    if let Some(sparse) = &mut found.sparse_points {
+    raw.views.retain(|_| kept.next().copied().unwrap_or(true));
+    if let Some(sparse) = &mut raw.sparse_points {
         for views in &mut sparse.visible_in {
             *views = views.iter().filter_map(|&view| new_index[view]).collect();
         }
     }
-    if found.views.len() < 2 {
-        let (scene, left) = (found.root.display().to_string(), found.views.len());
+    if raw.views.len() < 2 {
+        let (scene, left) = (raw.root.display().to_string(), raw.views.len());
         return Err(Error::TooFewViews { scene, left, all: keep.len(), purpose: "to read" });
     }
     Ok(())
@@ -62,7 +62,7 @@ pub(super) fn select_views(found: &mut Found, options: &ReadOptions) -> Result<(
 /// # Errors
 /// Those of the view that comes first: a file missing or damaged, sizes that differ, an unusable camera, no
 /// room for the scratch file.
-pub(super) fn load_views(found: &mut Found, options: &ReadOptions) -> Result<Vec<View>> {
+pub(super) fn load_views(raw: &mut RawScene, options: &ReadOptions) -> Result<Vec<View>> {
     if options.downscale == 0 {
         return Err(Error::OutOfRange {
             name: "downscale",
@@ -70,21 +70,21 @@ pub(super) fn load_views(found: &mut Found, options: &ReadOptions) -> Result<Vec
             expected: "at least 1, which keeps the size",
         });
     }
-    let center = match found.place {
-        Place::UnitCube => Some(DVec3::ZERO),
-        Place::Bound(bound) => Some(bound.translation),
-        Place::Unknown => None,
+    let center = match raw.object_bounds {
+        ObjectBounds::UnitCube => Some(DVec3::ZERO),
+        ObjectBounds::Bound(bound) => Some(bound.translation),
+        ObjectBounds::Unknown => None,
     };
-    let mirrored = |view: &FoundView| center.is_some_and(|center| view.projection.mirrors(center));
+    let mirrored = |view: &RawView| center.is_some_and(|center| view.projection.mirrors(center));
     // A view is put away by the thread that decoded it, so no more are decoded at a time than there are threads.
     let paged = PagedImages::new(options.max_memory);
-    let load = |found_view| paged.keep_view(load_view(found_view, mirrored(found_view), &found.cameras, options)?);
-    let loaded: Vec<Result<View>> = found.views.par_iter().map(load).collect();
-    let n_mirrored = found.views.iter().filter(|view| mirrored(view)).count();
+    let load = |found_view| paged.keep_view(load_view(found_view, mirrored(found_view), &raw.cameras, options)?);
+    let loaded: Vec<Result<View>> = raw.views.par_iter().map(load).collect();
+    let n_mirrored = raw.views.iter().filter(|view| mirrored(view)).count();
     if n_mirrored > 0 {
-        found.warnings.push(format!(
+        raw.warnings.push(format!(
             "the cameras of {n_mirrored} of {} views make mirror images; the pictures are flipped left to right",
-            found.views.len()
+            raw.views.len()
         ));
     }
     loaded.into_iter().collect()
@@ -95,7 +95,7 @@ pub(super) fn load_views(found: &mut Found, options: &ReadOptions) -> Result<Vec
 ///
 /// # Errors
 /// As [`load_views`].
-pub(super) fn load_view(view: &FoundView, mirrored: bool, cameras: &Path, options: &ReadOptions) -> Result<View> {
+pub(super) fn load_view(view: &RawView, mirrored: bool, cameras: &Path, options: &ReadOptions) -> Result<View> {
     let Photo { mut image, mut alpha } = read_photo(&view.image)?;
     let (width, height) = image.dimensions();
     let (mut mask, mask_source) = match (options.background, &view.mask, &alpha) {
@@ -171,7 +171,7 @@ fn flip_projection(projection: Projection, width: u32) -> Projection {
 ///
 /// # Errors
 /// [`Error::MasksEmpty`] where there are masks and all are empty.
-pub(super) fn check_masks(found: &mut Found, views: &[View]) -> Result<()> {
+pub(super) fn check_masks(raw: &mut RawScene, views: &[View]) -> Result<()> {
     let named = |test: &dyn Fn(&Mask) -> bool| -> Vec<&str> {
         let tested = views.iter().filter(|view| view.mask.as_ref().is_some_and(test));
         tested.map(|view| view.name.as_str()).collect()
@@ -179,16 +179,16 @@ pub(super) fn check_masks(found: &mut Found, views: &[View]) -> Result<()> {
     let empty = named(&|mask| mask.object_pixels() == 0);
     let masks = views.iter().filter(|view| view.mask.is_some()).count();
     if masks > 0 && empty.len() == masks {
-        return Err(Error::MasksEmpty { path: found.root.clone(), masks });
+        return Err(Error::MasksEmpty { path: raw.root.clone(), masks });
     }
     if masks < views.len() {
-        found.warnings.push(format!("{} of {} views have no mask", views.len() - masks, views.len()));
+        raw.warnings.push(format!("{} of {} views have no mask", views.len() - masks, views.len()));
     }
     let full = named(&|mask| mask.object_pixels() == mask.coverage.len());
     for (names, what) in [(empty, "marks no object"), (full, "marks every pixel as object")] {
         if let Some(first) = names.first() {
             let others = if names.len() > 1 { format!(" (and {} more)", names.len() - 1) } else { String::new() };
-            found.warnings.push(format!("the mask of view `{first}`{others} {what}"));
+            raw.warnings.push(format!("the mask of view `{first}`{others} {what}"));
         }
     }
     Ok(())

@@ -8,9 +8,9 @@ use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DVec3};
 
-use super::found::{Found, FoundView, Place, Projection, is_rotation};
 use super::masks::find_masks;
 use super::pairing::{folder_of, list_files, view_names};
+use super::raw_scene::{ObjectBounds, Projection, RawScene, RawView, is_rotation};
 use crate::camera::Similarity;
 use crate::error::{Error, Result};
 use crate::files::read_text;
@@ -33,7 +33,7 @@ pub(super) fn cameras_file(path: &Path) -> Option<PathBuf> {
 }
 
 /// Finds the views of the folder, or of the file.
-pub(super) fn find(path: &Path) -> Result<Found> {
+pub(super) fn find(path: &Path) -> Result<RawScene> {
     let cameras = cameras_file(path)
         .ok_or_else(|| Error::format(path, "there is no *_par.txt", "Give the folder that holds it."))?;
     let root = folder_of(&cameras);
@@ -55,7 +55,7 @@ pub(super) fn find(path: &Path) -> Result<Found> {
         .into_iter()
         .zip(names)
         .zip(masks)
-        .map(|(((image, projection), name), mask)| FoundView {
+        .map(|(((image, projection), name), mask)| RawView {
             name,
             image: root.join(image),
             mask,
@@ -64,13 +64,13 @@ pub(super) fn find(path: &Path) -> Result<Found> {
             split: Split::Train,
         })
         .collect();
-    Ok(Found {
+    Ok(RawScene {
         format: "Middlebury",
         root,
         cameras,
         views,
         files_to_world: Similarity::default(),
-        place: Place::Unknown,
+        object_bounds: ObjectBounds::Unknown,
         sparse_points: None,
         ground_truth: GroundTruth::default(),
         warnings: Vec::new(),

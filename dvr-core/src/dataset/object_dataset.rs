@@ -12,13 +12,14 @@ use glam::DVec3;
 use image::RgbImage;
 use serde::{Deserialize, Serialize};
 
-use super::dvr::{IMAGE_FOLDERS, find_views, read_ground_truth, read_occupancy};
-use super::found::{FoundView, Projection};
+use super::dvr::{find_views, read_ground_truth, read_occupancy};
 use super::input_picture::input_picture;
 use super::load::load_view;
+use super::object_files::IMAGE_FOLDERS;
 use super::objects::{ObjectRef, list_objects};
 use super::options::ReadOptions;
 use super::pairing::{list_files, pictures, stem, sub_folder};
+use super::raw_scene::{Projection, RawView};
 use crate::error::{Error, Result};
 use crate::files::{read_mask, read_photo};
 use crate::points::OccupancySamples;
@@ -145,7 +146,7 @@ impl ObjectDataset {
         let root = &self.objects[object].path;
         let full = |path: &Path| root.join(path);
         let projection = files.projections[view];
-        let found = FoundView {
+        let found = RawView {
             name: stem(&names.image),
             image: full(&names.image),
             mask: names.mask.as_deref().map(full),
@@ -217,7 +218,7 @@ impl ObjectDataset {
         let root = &self.objects[object].path;
         let found = find_views(root, self.options.visual_hull_depth)?;
         let inside = |path: &Path, root: &Path| Box::<Path>::from(path.strip_prefix(root).unwrap_or(path));
-        let names_of = |view: &FoundView| ViewNames {
+        let names_of = |view: &RawView| ViewNames {
             image: inside(&view.image, root),
             mask: view.mask.as_ref().map(|path| inside(path, root)),
             depth: view.depth.as_ref().map(|path| inside(path, root)),

@@ -2,9 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use super::detect_format;
-use super::dvr::{IMAGE_FOLDERS, cameras_file};
-use super::options::Format;
+use super::object_files::{IMAGE_FOLDERS, cameras_file};
 use super::pairing::{folder_name, folder_of, natural_order};
 use crate::error::{Error, Result};
 use crate::files::read_text;
@@ -50,18 +48,8 @@ pub fn list_objects(root: &Path, split: Option<Split>) -> Result<Vec<ObjectRef>>
     Ok(objects)
 }
 
-/// Whether `path` holds several objects in the DVR layout, rather than a scene.
-///
-/// # Errors
-/// [`Error::Io`] where a folder or list cannot be read, [`Error::Format`] where a list names an object without a
-/// folder.
-pub fn is_object_dataset(path: &Path) -> Result<bool> {
-    let is_scene = || cameras_file(path).is_some() || !matches!(detect_format(path), Ok(Format::Dvr));
-    Ok(path.is_dir() && !is_scene() && object_folders(path)?.len() > 1)
-}
-
 /// The folders of all objects, each once.
-fn object_folders(path: &Path) -> Result<Vec<PathBuf>> {
+pub(super) fn object_folders(path: &Path) -> Result<Vec<PathBuf>> {
     let mut paths: Vec<PathBuf> = list_objects(path, None)?.into_iter().map(|object| object.path).collect();
     paths.sort();
     paths.dedup();

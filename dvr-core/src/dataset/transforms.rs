@@ -9,9 +9,9 @@ use std::path::{Path, PathBuf};
 use glam::{DMat3, DVec3};
 use serde::Deserialize;
 
-use super::found::{Found, FoundView, Place, Projection, is_rotation};
 use super::masks::find_masks;
 use super::pairing::{folder_of, partners, pictures, sub_folder, view_names};
+use super::raw_scene::{ObjectBounds, Projection, RawScene, RawView, is_rotation};
 use crate::camera::Similarity;
 use crate::error::{Error, Result};
 use crate::files::{image_size, read_bytes};
@@ -76,7 +76,7 @@ pub(super) fn files(path: &Path) -> Vec<(PathBuf, Split)> {
 }
 
 /// Finds the views that the file, or the files of the folder, list.
-pub(super) fn find(path: &Path) -> Result<Found> {
+pub(super) fn find(path: &Path) -> Result<RawScene> {
     let files = files(path);
     let Some((cameras, _)) = files.first().cloned() else {
         return Err(Error::format(path, "there is no transforms.json", "Give the folder or the file itself."));
@@ -98,13 +98,13 @@ pub(super) fn find(path: &Path) -> Result<Found> {
         view.name = name;
         view.mask = view.mask.take().or(mask);
     }
-    Ok(Found {
+    Ok(RawScene {
         format: "NeRF transforms",
         root,
         cameras,
         views: listed,
         files_to_world: Similarity::default(),
-        place: Place::Unknown,
+        object_bounds: ObjectBounds::Unknown,
         sparse_points: None,
         ground_truth: GroundTruth::default(),
         warnings,
@@ -116,7 +116,7 @@ fn find_frames(
     file: &Path,
     split: Split,
     root: &Path,
-    views: &mut Vec<FoundView>,
+    views: &mut Vec<RawView>,
     warnings: &mut Vec<String>,
 ) -> Result<()> {
     let transforms: Transforms = serde_json::from_slice(&read_bytes(file)?).map_err(|error| {
@@ -159,7 +159,7 @@ fn find_frames(
             None => None,
         };
         let projection = Projection::from_parts(intrinsics, rotation, translation, Some(size));
-        views.push(FoundView { name: String::new(), image, mask, depth: None, projection, split });
+        views.push(RawView { name: String::new(), image, mask, depth: None, projection, split });
     }
     if missing.len() == transforms.frames.len()
         && let Some(first) = missing.first()

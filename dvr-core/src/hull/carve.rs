@@ -5,8 +5,9 @@ use std::ops::Range;
 use glam::DVec3;
 use rayon::prelude::*;
 
+use super::bounds::Bounds;
+use super::settings::HullSettings;
 use super::silhouette::{Sight, Silhouette};
-use super::{Bounds, HullSettings};
 
 /// Edge of the largest blocks in voxels.
 const BLOCK: usize = 16;

@@ -2,8 +2,9 @@
 
 use rayon::prelude::*;
 
+use super::settings::HullSettings;
 use super::silhouette::{Sight, Silhouette};
-use super::{HullSettings, VisualHull};
+use super::visual_hull::VisualHull;
 use crate::camera::Camera;
 use crate::error::Result;
 use crate::raster::Mask;

@@ -2,9 +2,11 @@
 
 use glam::{DMat3, DQuat, DVec2, DVec3};
 
+use super::bounds::Bounds;
 use super::consistency::{rejected, unexplained};
+use super::settings::HullSettings;
 use super::silhouette::Silhouette;
-use super::{Bounds, HullSettings, VisualHull};
+use super::visual_hull::VisualHull;
 use crate::camera::{Camera, Similarity};
 use crate::error::{NormalisationError, Result, name_views};
 use crate::raster::Mask;

@@ -2,12 +2,14 @@ use std::path::Path;
 
 use dvr_test_support::scene;
 
-use glam::DMat3;
+use glam::{DMat3, DVec3};
 use image::{GrayImage, Luma};
 
-use super::silhouette::Sight;
+use super::silhouette::{Sight, Silhouette};
 use super::*;
+use crate::camera::Camera;
 use crate::npz::NpzFile;
+use crate::raster::Mask;
 
 /// Cameras on a sphere around `center` that look at it; `distance` in the units of the world.
 fn cameras(count: usize, size: u32, center: DVec3, distance: f64) -> Vec<Camera> {

@@ -1,8 +1,10 @@
 //! Masks that show something else than the others.
 
+use super::bounds::Bounds;
 use super::consistency::{rejected, unexplained};
+use super::settings::HullSettings;
 use super::silhouette::Silhouette;
-use super::{Bounds, HullSettings, VisualHull};
+use super::visual_hull::VisualHull;
 use crate::camera::Camera;
 use crate::error::Result;
 use crate::raster::Mask;

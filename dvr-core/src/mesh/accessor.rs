@@ -50,7 +50,8 @@ pub(super) fn read_uri(folder: &Path, uri: &str) -> Result<Vec<u8>, String> {
         return data.map(|d| d.0).map_err(|e| format!("is a data URI that cannot be decoded: {e}"));
     }
     let name = percent_decoded(uri);
-    let path = super::io::find_reference(folder, &name).ok_or(format!("is in `{name}`, which is not there"))?;
+    let path =
+        super::texture_file::find_reference(folder, &name).ok_or(format!("is in `{name}`, which is not there"))?;
     std::fs::read(&path).map_err(|e| format!("is in `{name}`, which cannot be read: {e}"))
 }
 

@@ -3,7 +3,7 @@
 use glam::Vec3;
 use serde_json::{Value, json};
 
-use super::Mesh;
+use super::triangle_mesh::Mesh;
 use crate::srgb::srgb_to_linear;
 
 // Names of the specification's numbers.

@@ -7,9 +7,9 @@ use ::gltf::mesh::Mode;
 use ::gltf::{Document, Gltf, Node, Primitive, Semantic};
 use glam::{Mat3, Mat4, Vec2, Vec3};
 
-use super::TexturedMesh;
 use super::accessor::{self, GltfBuffers};
 use super::gltf_material::{UvTransform, read_materials, uv_transform};
+use super::textured_mesh::TexturedMesh;
 use crate::error::Error;
 use crate::srgb::linear_to_srgb;
 

@@ -6,9 +6,9 @@ use std::sync::Arc;
 use ::gltf::Document;
 use glam::Vec2;
 
-use super::Material;
 use super::accessor::{GltfBuffers, read_uri};
-use super::io::{decode_texture, white};
+use super::texture_file::decode_texture;
+use super::textured_mesh::Material;
 use crate::srgb::linear_to_srgb;
 
 /// The document's materials in order, and white, the specification's default material, as the last one.
@@ -27,7 +27,7 @@ pub(super) fn read_materials(document: &Document, buffers: &GltfBuffers, warning
             Material { base_color: [r, g, b].map(|c| linear_to_srgb(c.clamp(0.0, 1.0))), texture }
         })
         .collect();
-    materials.push(white());
+    materials.push(Material::white());
     materials
 }
 

@@ -5,8 +5,8 @@ use std::path::Path;
 
 use glam::Vec2;
 
-use super::Material;
-use super::io::read_texture;
+use super::texture_file::read_texture;
+use super::textured_mesh::Material;
 
 /// A material, and how its `map_Kd` options change the texture coordinates: `uv * uv_scale + uv_offset`.
 pub(super) struct ObjMaterial {

@@ -10,10 +10,11 @@ use std::str::SplitWhitespace;
 
 use glam::{Vec2, Vec3};
 
-use super::io::{find_reference, white};
 use super::mtl::{self, ObjMaterial};
 use super::polygon::triangulate;
-use super::{Material, Mesh, TexturedMesh};
+use super::texture_file::find_reference;
+use super::textured_mesh::{Material, TexturedMesh};
+use super::triangle_mesh::Mesh;
 use crate::error::Error;
 
 /// One corner of a face: position, texture coordinate and normal, counted from 0.
@@ -181,9 +182,9 @@ impl ObjReader {
         }
         let mut materials: Vec<Material> = self.materials.into_iter().map(|m| m.material).collect();
         if vertex_colors && materials.is_empty() {
-            materials.push(white());
+            materials.push(Material::white());
         } else if vertex_colors {
-            materials[0] = white();
+            materials[0] = Material::white();
         }
         let face_materials = if materials.len() > 1 { self.face_materials } else { Vec::new() };
         TexturedMesh { mesh, corner_uvs, face_materials, materials }
@@ -310,6 +311,6 @@ mod tests {
     fn colours_may_be_bytes_and_may_be_missing() {
         let mesh = parse("v 0 0 0\nv 1 0 0 255 0 51\nv 0 1 0\nf 1 2 3\n").unwrap();
         assert_eq!(mesh.mesh.colors.unwrap()[1], [1.0, 0.0, 0.2]);
-        assert_eq!(mesh.materials, [white()]);
+        assert_eq!(mesh.materials, [Material::white()]);
     }
 }

@@ -6,9 +6,9 @@ use std::path::Path;
 
 use glam::Vec3;
 
-use super::io::white;
 use super::polygon::triangulate;
-use super::{Mesh, TexturedMesh};
+use super::textured_mesh::{Material, TexturedMesh};
+use super::triangle_mesh::Mesh;
 use crate::error::Error;
 
 /// Reads positions, faces, and per-vertex normals and colours. Colours of faces are left out.
@@ -46,7 +46,7 @@ fn parse(text: &str) -> Result<TexturedMesh, String> {
         let line = lines.next().ok_or(format!("only {index} of {face_count} faces are there"))?;
         face(&mut mesh, line)?;
     }
-    let materials = if has_colors { vec![white()] } else { Vec::new() };
+    let materials = if has_colors { vec![Material::white()] } else { Vec::new() };
     Ok(TexturedMesh { mesh, materials, ..TexturedMesh::default() })
 }
 

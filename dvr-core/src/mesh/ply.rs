@@ -6,11 +6,11 @@ use glam::Vec3;
 use ply_rs_bw::parser::Parser;
 use ply_rs_bw::ply::{Property, PropertyAccess, PropertyAccessResult};
 
-use super::io::white;
 use super::polygon::triangulate;
-use super::{Mesh, TexturedMesh};
+use super::textured_mesh::{Material, TexturedMesh};
+use super::triangle_mesh::Mesh;
 use crate::error::{Error, Result};
-use crate::visibility::Observation;
+use crate::observation::Observation;
 
 /// Reads ASCII and binary files: positions, normals, colours (whole numbers or fractions), observations and polygons.
 pub(super) fn read(path: &Path, bytes: &[u8], _warnings: &mut Vec<String>) -> Result<TexturedMesh> {
@@ -42,7 +42,7 @@ pub(super) fn read(path: &Path, bytes: &[u8], _warnings: &mut Vec<String>) -> Re
         let outline: Vec<Vec3> = corners.iter().map(|&i| mesh.vertices[i as usize]).collect();
         mesh.faces.extend(triangulate(&outline).iter().map(|t| t.map(|i| corners[i])));
     }
-    let materials = if has_colors { vec![white()] } else { Vec::new() };
+    let materials = if has_colors { vec![Material::white()] } else { Vec::new() };
     Ok(TexturedMesh { mesh, materials, ..TexturedMesh::default() })
 }
 

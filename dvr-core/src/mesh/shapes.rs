@@ -5,7 +5,7 @@ use std::f32::consts::TAU;
 
 use glam::{Vec2, Vec3};
 
-use super::Mesh;
+use super::triangle_mesh::Mesh;
 
 /// A sphere around the origin: an icosahedron, each face split into four `subdivisions` times.
 ///

@@ -2,7 +2,7 @@
 
 use meshopt::SimplifyOptions;
 
-use super::Mesh;
+use super::triangle_mesh::Mesh;
 
 impl Mesh {
     /// The mesh with as few triangles as keep its surface within about `max_error` (in the mesh's units) of where it

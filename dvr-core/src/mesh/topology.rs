@@ -1,6 +1,7 @@
 //! Whether a mesh is a surface that encloses something, and how many handles it has.
 
-use super::{Mesh, face_pieces};
+use super::components::connected_components;
+use super::triangle_mesh::Mesh;
 
 /// What the faces of a mesh say about its shape, whatever its vertices' places. Vertices that lie at one place are two.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -10,7 +11,7 @@ pub struct Topology {
     pub closed: bool,
     /// Edges that are not shared so.
     pub open_edges: usize,
-    /// Connected pieces.
+    /// Connected components.
     pub pieces: usize,
     /// `V - E + F` of the vertices that faces use: 2 for each sphere, 0 for each torus.
     pub euler_characteristic: i64,
@@ -35,7 +36,7 @@ impl Topology {
         Self {
             closed: !mesh.faces.is_empty() && open_edges == 0,
             open_edges,
-            pieces: face_pieces(mesh.vertices.len(), &mesh.faces).1,
+            pieces: connected_components(mesh.vertices.len(), &mesh.faces).1,
             euler_characteristic: vertices as i64 - edges + mesh.faces.len() as i64,
         }
     }
@@ -43,6 +44,13 @@ impl Topology {
     /// Handles of all pieces together (the genus of a single one); `None` where the surface is not closed.
     pub fn handles(&self) -> Option<i64> {
         self.closed.then(|| self.pieces as i64 - self.euler_characteristic / 2)
+    }
+}
+
+impl Mesh {
+    /// Edges that are not shared by exactly two faces that wind the same way; a watertight mesh has none.
+    pub fn open_edges(&self) -> usize {
+        Topology::of(self).open_edges
     }
 }
 
@@ -67,5 +75,16 @@ mod tests {
         ball.faces.pop();
         assert_eq!(Topology::of(&ball).handles(), None);
         assert!(!Topology::of(&Mesh::default()).closed);
+    }
+
+    #[test]
+    fn a_closed_mesh_has_no_open_edge_and_one_with_a_hole_has_those_around_it() {
+        let mut ball = shapes::icosphere(2, 1.0);
+        assert_eq!(ball.open_edges(), 0);
+        ball.faces.pop();
+        assert_eq!(ball.open_edges(), 3);
+        let turned = ball.faces[0];
+        ball.faces[0] = [turned[0], turned[2], turned[1]];
+        assert_eq!(ball.open_edges(), 6, "a face that winds the other way has no neighbours");
     }
 }

@@ -2,7 +2,7 @@
 
 use image::RgbImage;
 
-use super::intersection_over_union;
+use super::overlap::intersection_over_union;
 use crate::error::{ComparisonError, Result};
 use crate::raster::Mask;
 

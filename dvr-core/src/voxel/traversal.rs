@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use super::VoxelGrid;
+use super::grid::VoxelGrid;
 
 /// A ray's passage through one cell.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,11 +1,11 @@
 //! Connected components of a mesh, and how to drop the small ones.
 
-use dvr_core::mesh::{Mesh, face_pieces};
+use dvr_core::mesh::{Mesh, connected_components};
 use glam::Vec3;
 
 /// How many connected components a mesh has: faces that share vertices.
 pub fn count_components(mesh: &Mesh) -> usize {
-    face_pieces(mesh.vertices.len(), &mesh.faces).1
+    connected_components(mesh.vertices.len(), &mesh.faces).1
 }
 
 /// Drops every connected piece whose area is below `min_share` of the largest piece's, and vertices that no face uses.
@@ -22,7 +22,7 @@ pub fn drop_small_components(mesh: &mut Mesh, min_share: f64) -> usize {
 
 /// Drops the faces of small components; how many were kept, and how many dropped.
 pub(super) fn retain_large(vertices: &[Vec3], faces: &mut Vec<[u32; 3]>, min_share: f64) -> (usize, usize) {
-    let (labels, count) = face_pieces(vertices.len(), faces);
+    let (labels, count) = connected_components(vertices.len(), faces);
     let mut areas = vec![0.0; count];
     for (face, &label) in faces.iter().zip(&labels) {
         let [a, b, c] = face.map(|vertex| vertices[vertex as usize].as_dvec3());

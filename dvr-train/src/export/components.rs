@@ -1,6 +1,6 @@
 //! Small loose pieces of a mesh: rubbish, unless photographs show them.
 
-use dvr_core::mesh::{Mesh, face_pieces};
+use dvr_core::mesh::{Mesh, connected_components};
 use dvr_core::{Bvh, Ray, View};
 use dvr_render::extract::drop_small_components;
 use glam::DVec3;
@@ -47,7 +47,7 @@ struct Piece {
 
 /// The piece of each face, and all pieces.
 fn pieces(mesh: &Mesh) -> (Vec<u32>, Vec<Piece>) {
-    let (labels, count) = face_pieces(mesh.vertices.len(), &mesh.faces);
+    let (labels, count) = connected_components(mesh.vertices.len(), &mesh.faces);
     let mut pieces: Vec<Piece> = (0..count).map(|_| Piece::default()).collect();
     for (face, &label) in labels.iter().enumerate() {
         let piece = &mut pieces[label as usize];

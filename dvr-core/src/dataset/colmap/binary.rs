@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::{MODELS, Model, ModelCamera, ModelImage, ModelPoint};
+use super::model::{MODELS, Model, ModelCamera, ModelImage, ModelPoint};
 use crate::error::{Error, Result};
 use crate::files::read_bytes;
 

@@ -3,6 +3,7 @@
 //! Cameras are ours already: x right, y down, z forward, pixel centres at half integers. Only pinholes are read.
 
 mod binary;
+mod model;
 mod text;
 
 use std::collections::HashMap;
@@ -10,62 +11,14 @@ use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DQuat, DVec3, Vec3};
 
-use super::found::{Found, FoundView, Place, Projection};
 use super::masks::find_masks;
 use super::pairing::{natural_order, sub_folder, view_names};
+use super::raw_scene::{ObjectBounds, Projection, RawScene, RawView};
 use crate::camera::Similarity;
 use crate::error::{Error, Result};
 use crate::points::PointCloud;
 use crate::scene::{GroundTruth, SparsePoints, Split};
-
-/// Names of the camera models, by their number in binary files, with the number of their parameters.
-const MODELS: [(&str, usize); 11] = [
-    ("SIMPLE_PINHOLE", 3),
-    ("PINHOLE", 4),
-    ("SIMPLE_RADIAL", 4),
-    ("RADIAL", 5),
-    ("OPENCV", 8),
-    ("OPENCV_FISHEYE", 8),
-    ("FULL_OPENCV", 12),
-    ("FOV", 5),
-    ("SIMPLE_RADIAL_FISHEYE", 4),
-    ("RADIAL_FISHEYE", 5),
-    ("THIN_PRISM_FISHEYE", 12),
-];
-
-/// A sparse model as its three files hold it.
-#[derive(Debug, Default, PartialEq)]
-struct Model {
-    cameras: HashMap<u32, ModelCamera>,
-    images: Vec<ModelImage>,
-    points: Vec<ModelPoint>,
-}
-
-#[derive(Debug, PartialEq)]
-struct ModelCamera {
-    model: String,
-    width: u64,
-    height: u64,
-    parameters: Vec<f64>,
-}
-
-#[derive(Debug, PartialEq)]
-struct ModelImage {
-    id: u32,
-    /// `w x y z`, world to camera.
-    rotation: [f64; 4],
-    translation: [f64; 3],
-    camera: u32,
-    name: String,
-}
-
-#[derive(Debug, PartialEq)]
-struct ModelPoint {
-    position: [f64; 3],
-    color: [u8; 3],
-    /// Ids of the images that see it.
-    track: Vec<u32>,
-}
+use model::{Model, ModelCamera, ModelImage};
 
 /// The folder of the model at or below `path`.
 pub(super) fn model_folder(path: &Path) -> Option<PathBuf> {
@@ -75,7 +28,7 @@ pub(super) fn model_folder(path: &Path) -> Option<PathBuf> {
 }
 
 /// Finds the views of the model at or below `path`.
-pub(super) fn find(path: &Path) -> Result<Found> {
+pub(super) fn find(path: &Path) -> Result<RawScene> {
     let folder = model_folder(path).ok_or_else(|| {
         Error::format(
             path,
@@ -108,14 +61,14 @@ pub(super) fn find(path: &Path) -> Result<Found> {
         })?;
         let projection = projection(camera, image, &folder)?;
         let image = image_folder.join(relative);
-        views.push(FoundView { name, image, mask, depth: None, projection, split: Split::Train });
+        views.push(RawView { name, image, mask, depth: None, projection, split: Split::Train });
     }
-    Ok(Found {
+    Ok(RawScene {
         format: "COLMAP",
         cameras: images_file,
         views,
         files_to_world: Similarity::default(),
-        place: Place::Unknown,
+        object_bounds: ObjectBounds::Unknown,
         sparse_points: sparse_points(&model),
         ground_truth: GroundTruth::default(),
         warnings,

@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::str::FromStr;
 
-use super::{Model, ModelCamera, ModelImage, ModelPoint};
+use super::model::{Model, ModelCamera, ModelImage, ModelPoint};
 use crate::error::{Error, Result};
 use crate::files::read_text;
 

@@ -16,8 +16,9 @@ use image::{GrayImage, Luma, Rgb, RgbImage};
 use super::*;
 use crate::camera::{Camera, Similarity};
 use crate::files::{write_depth_exr, write_gray_png, write_rgb_png};
-use crate::npz::{Array, write_npz};
+use crate::npz::{Array, NpzFile, write_npz};
 use crate::raster::{DepthMap, Mask};
+use crate::scene::Scene;
 
 const WIDTH: u32 = 48;
 const HEIGHT: u32 = 36;

@@ -3,8 +3,8 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::found::{Found, Place};
 use super::options::Normalise;
+use super::raw_scene::{ObjectBounds, RawScene};
 use crate::camera::{Camera, Similarity};
 use crate::error::{Error, Result};
 use crate::hull::{normalisation, normalisation_by_cameras};
@@ -21,27 +21,27 @@ const TOLERATED_OUTSIDE: f64 = 0.02;
 /// # Errors
 /// [`Error::Normalisation`] where the object cannot be found by its masks, [`Error::NoPlace`] where the files are to say
 /// where it is and do not.
-pub(super) fn into_object_space(found: &mut Found, views: &mut [View], normalise: Normalise) -> Result<Similarity> {
-    let object_to_files = match (normalise, found.place) {
-        (Normalise::Auto | Normalise::Files, Place::UnitCube) => Similarity::default(),
-        (Normalise::Files, Place::Bound(bound)) => bound,
-        (Normalise::Files, Place::Unknown) => {
-            return Err(Error::NoPlace { path: found.root.clone(), format: found.format });
+pub(super) fn into_object_space(raw: &mut RawScene, views: &mut [View], normalise: Normalise) -> Result<Similarity> {
+    let object_to_files = match (normalise, raw.object_bounds) {
+        (Normalise::Auto | Normalise::Files, ObjectBounds::UnitCube) => Similarity::default(),
+        (Normalise::Files, ObjectBounds::Bound(bound)) => bound,
+        (Normalise::Files, ObjectBounds::Unknown) => {
+            return Err(Error::NoPlace { path: raw.root.clone(), format: raw.format });
         }
-        (Normalise::Given(object_to_world), _) => compose(&found.files_to_world.inverse(), &object_to_world),
-        (Normalise::Auto, Place::Bound(bound)) => match by_masks(views) {
+        (Normalise::Given(object_to_world), _) => compose(&raw.files_to_world.inverse(), &object_to_world),
+        (Normalise::Auto, ObjectBounds::Bound(bound)) => match by_masks(views) {
             Ok((similarity, warnings)) => {
-                found.warnings.extend(warnings);
+                raw.warnings.extend(warnings);
                 similarity
             }
             Err(error) => {
-                found.warnings.push(format!("the sphere of the cameras' file bounds the object, because: {error}"));
+                raw.warnings.push(format!("the sphere of the cameras' file bounds the object, because: {error}"));
                 bound
             }
         },
-        (Normalise::Hull, _) | (Normalise::Auto, Place::Unknown) => {
+        (Normalise::Hull, _) | (Normalise::Auto, ObjectBounds::Unknown) => {
             let (similarity, warnings) = by_masks(views)?;
-            found.warnings.extend(warnings);
+            raw.warnings.extend(warnings);
             similarity
         }
     };
@@ -54,20 +54,20 @@ pub(super) fn into_object_space(found: &mut Found, views: &mut [View], normalise
         let move_all = |points: &mut Vec<Vec3>| {
             points.iter_mut().for_each(|point| *point = inverse.transform_point_f32(*point));
         };
-        if let Some(surface) = &mut found.ground_truth.surface {
+        if let Some(surface) = &mut raw.ground_truth.surface {
             move_all(&mut surface.points);
             for normal in surface.normals.iter_mut().flatten() {
                 *normal = inverse.transform_direction(*normal);
             }
         }
-        if let Some(occupancy) = &mut found.ground_truth.occupancy {
+        if let Some(occupancy) = &mut raw.ground_truth.occupancy {
             move_all(&mut occupancy.points);
         }
-        if let Some(sparse) = &mut found.sparse_points {
+        if let Some(sparse) = &mut raw.sparse_points {
             move_all(&mut sparse.cloud.points);
         }
     }
-    Ok(compose(&found.files_to_world, &object_to_files))
+    Ok(compose(&raw.files_to_world, &object_to_files))
 }
 
 /// Finds the object by its masks; where no view has one, by what all cameras look at.
@@ -116,8 +116,8 @@ pub(super) fn check_cube(views: &[View], warnings: &mut Vec<String>) {
 
 /// Keeps the sparse points that are on the object: in the unit cube, and on the mask in every view that sees them.
 /// Points that no view sees are dropped too.
-pub(super) fn keep_points_on_object(found: &mut Found, views: &[View]) {
-    let Some(sparse) = &mut found.sparse_points else { return };
+pub(super) fn keep_points_on_object(raw: &mut RawScene, views: &[View]) {
+    let Some(sparse) = &mut raw.sparse_points else { return };
     let cube = UnitCube { padding: 0.0 };
     // A view without a mask has nothing against a point that it sees.
     let on_mask = |point: Vec3, view: usize| {
@@ -141,8 +141,8 @@ pub(super) fn keep_points_on_object(found: &mut Found, views: &[View]) {
     normals.iter_mut().for_each(|normals| retain(normals, &keep));
     colors.iter_mut().for_each(|colors| retain(colors, &keep));
     if sparse.cloud.points.is_empty() {
-        found.warnings.push(format!("none of the {} sparse points lies on the object", keep.len()));
-        found.sparse_points = None;
+        raw.warnings.push(format!("none of the {} sparse points lies on the object", keep.len()));
+        raw.sparse_points = None;
     }
 }
 

@@ -12,18 +12,18 @@ use crate::scene::{GroundTruth, SparsePoints, Split};
 ///
 /// Projections, ground truth and sparse points share one space, the *files' space*: object space for the DVR layout,
 /// the world for all others.
-pub(super) struct Found {
+pub(super) struct RawScene {
     /// For [`Scene::format`](crate::Scene::format).
     pub format: &'static str,
     /// The folder.
     pub root: PathBuf,
     /// The file with the cameras, to be named in errors.
     pub cameras: PathBuf,
-    pub views: Vec<FoundView>,
+    pub views: Vec<RawView>,
     /// Takes the files' space to the world.
     pub files_to_world: Similarity,
     /// Where the object is, in the files' space.
-    pub place: Place,
+    pub object_bounds: ObjectBounds,
     /// Indices in `visible_in` refer to `views`.
     pub sparse_points: Option<SparsePoints>,
     pub ground_truth: GroundTruth,
@@ -32,7 +32,7 @@ pub(super) struct Found {
 
 /// Where the files say that the object is.
 #[derive(Clone, Copy)]
-pub(super) enum Place {
+pub(super) enum ObjectBounds {
     /// In the unit cube of the files' space.
     UnitCube,
     /// Somewhere in the image of the unit cube under this similarity.
@@ -42,7 +42,7 @@ pub(super) enum Place {
 }
 
 /// One view as the files describe it.
-pub(super) struct FoundView {
+pub(super) struct RawView {
     pub name: String,
     pub image: PathBuf,
     pub mask: Option<PathBuf>,

@@ -1,8 +1,8 @@
-//! Which faces of a mesh hang together.
+//! Connected components of a mesh.
 
-/// The number of each face's connected piece, counted in the order of the faces, and how many pieces there are. Faces
-/// hang together where they share a vertex.
-pub fn face_pieces(vertex_count: usize, faces: &[[u32; 3]]) -> (Vec<u32>, usize) {
+/// The number of each face's connected component, counted in the order of the faces, and how many components there are.
+/// Faces are connected where they share a vertex.
+pub fn connected_components(vertex_count: usize, faces: &[[u32; 3]]) -> (Vec<u32>, usize) {
     // Union-find with path halving; the smaller number is the root, so the result does not depend on the order.
     let mut parents: Vec<u32> = (0..vertex_count as u32).collect();
     for &[a, b, c] in faces {

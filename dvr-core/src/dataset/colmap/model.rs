@@ -1,0 +1,52 @@
+//! A sparse model as its three files hold it.
+
+use std::collections::HashMap;
+
+/// Names of the camera models, by their number in binary files, with the number of their parameters.
+pub(super) const MODELS: [(&str, usize); 11] = [
+    ("SIMPLE_PINHOLE", 3),
+    ("PINHOLE", 4),
+    ("SIMPLE_RADIAL", 4),
+    ("RADIAL", 5),
+    ("OPENCV", 8),
+    ("OPENCV_FISHEYE", 8),
+    ("FULL_OPENCV", 12),
+    ("FOV", 5),
+    ("SIMPLE_RADIAL_FISHEYE", 4),
+    ("RADIAL_FISHEYE", 5),
+    ("THIN_PRISM_FISHEYE", 12),
+];
+
+/// A sparse model as its three files hold it.
+#[derive(Debug, Default, PartialEq)]
+pub(super) struct Model {
+    pub(super) cameras: HashMap<u32, ModelCamera>,
+    pub(super) images: Vec<ModelImage>,
+    pub(super) points: Vec<ModelPoint>,
+}
+
+#[derive(Debug, PartialEq)]
+pub(super) struct ModelCamera {
+    pub(super) model: String,
+    pub(super) width: u64,
+    pub(super) height: u64,
+    pub(super) parameters: Vec<f64>,
+}
+
+#[derive(Debug, PartialEq)]
+pub(super) struct ModelImage {
+    pub(super) id: u32,
+    /// `w x y z`, world to camera.
+    pub(super) rotation: [f64; 4],
+    pub(super) translation: [f64; 3],
+    pub(super) camera: u32,
+    pub(super) name: String,
+}
+
+#[derive(Debug, PartialEq)]
+pub(super) struct ModelPoint {
+    pub(super) position: [f64; 3],
+    pub(super) color: [u8; 3],
+    /// Ids of the images that see it.
+    pub(super) track: Vec<u32>,
+}

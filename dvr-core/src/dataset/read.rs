@@ -1,0 +1,56 @@
+//! From a folder to a scene.
+
+use std::path::Path;
+
+use super::detect::detect_format;
+use super::load::{check_masks, load_views, select_views};
+use super::object_space::{check_cube, into_object_space, keep_points_on_object};
+use super::options::{Format, ReadOptions};
+use super::pairing::folder_name;
+use super::{colmap, dvr, idr, middlebury, transforms};
+use crate::error::Result;
+use crate::scene::Scene;
+
+/// Reads the scene at `path`, a folder or the file with its cameras, in whatever layout it is.
+///
+/// # Errors
+/// [`Error::Io`] where a file is missing, [`Error::Format`] where one is damaged or does not fit the others,
+/// [`Error::Scratch`] where the temporary folder has no room for what [`ReadOptions::max_memory`] puts there. Where all
+/// files are sound but make no usable scene: [`Error::TooFewViews`], [`Error::MasksEmpty`], [`Error::NoPlace`] or
+/// [`Error::Normalisation`]. A picture without a mask is no error: see [`Scene::require_masks`].
+pub fn read_scene(path: &Path, options: &ReadOptions) -> Result<Scene> {
+    let format = options.format.map_or_else(|| detect_format(path), Ok)?;
+    let mut raw = match format {
+        Format::Dvr => dvr::find(path, options)?,
+        Format::Transforms => transforms::find(path)?,
+        Format::Idr => idr::find(path)?,
+        Format::Middlebury => middlebury::find(path)?,
+        Format::Colmap => colmap::find(path)?,
+    };
+    select_views(&mut raw, options)?;
+    let mut views = load_views(&mut raw, options)?;
+    check_masks(&mut raw, &views)?;
+    let object_to_world = into_object_space(&mut raw, &mut views, options.normalise)?;
+    check_cube(&views, &mut raw.warnings);
+    keep_points_on_object(&mut raw, &views);
+    Ok(Scene {
+        name: folder_name(&raw.root),
+        source: path.to_owned(),
+        format: raw.format,
+        views,
+        object_to_world,
+        sparse_points: raw.sparse_points,
+        ground_truth: raw.ground_truth,
+        warnings: raw.warnings,
+    })
+}
+
+impl Scene {
+    /// Reads the scene at `path` with [`ReadOptions::default`]: [`read_scene`] for those who have nothing to choose.
+    ///
+    /// # Errors
+    /// As [`read_scene`].
+    pub fn read(path: impl AsRef<Path>) -> Result<Self> {
+        read_scene(path.as_ref(), &ReadOptions::default())
+    }
+}

@@ -1,0 +1,43 @@
+//! A mesh with materials and textures, as modellers make them.
+
+use std::sync::Arc;
+
+use glam::Vec2;
+
+use super::triangle_mesh::Mesh;
+
+/// How a face of a [`TexturedMesh`] is coloured.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Material {
+    /// Base colour, sRGB in `[0, 1]`; multiplies the texture where there is one.
+    pub base_color: [f32; 3],
+    /// Base colour texture, sRGB; texture coordinate (0, 0) is its *bottom* left corner, and it repeats.
+    pub texture: Option<Arc<image::RgbaImage>>,
+}
+
+impl Material {
+    /// The material of meshes that bring their colours in the vertices: white, so that it leaves them as they are.
+    pub(super) fn white() -> Self {
+        Self { base_color: [1.0; 3], texture: None }
+    }
+}
+
+impl Default for Material {
+    /// Mid grey, the usual colour of geometry without a material.
+    fn default() -> Self {
+        Self { base_color: [0.7; 3], texture: None }
+    }
+}
+
+/// A mesh as modellers make them: materials and textures per face. Vertex colours, where present, multiply.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct TexturedMesh {
+    /// Geometry and vertex colours.
+    pub mesh: Mesh,
+    /// Texture coordinates of a face's three corners; empty where the file has none.
+    pub corner_uvs: Vec<[Vec2; 3]>,
+    /// Material of each face, an index into `materials`; empty means material 0 for all.
+    pub face_materials: Vec<u32>,
+    /// The materials; empty means [`Material::default`].
+    pub materials: Vec<Material>,
+}
