@@ -5,7 +5,7 @@ use std::str::FromStr;
 
 use anyhow::{Result, bail};
 use burn::tensor::Device;
-use dvr_train::Method;
+use dvr_train::{Hardware, Method};
 
 /// What `--backend` says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -54,11 +54,10 @@ impl Backend {
     ///
     /// # Errors
     /// As [`Backend::device`].
-    pub fn training_device(self, method: &Method) -> Result<Device> {
-        match (method, self) {
-            (Method::Grid(config), Self::Gpu(_) | Self::Cuda(_)) if config.steps > 0 => self.device(),
-            (Method::Grid(config), _) if self != Self::Cpu => {
-                let name = if config.steps == 0 { "hull" } else { "grid" };
+    pub fn training_device(self, method: &dyn Method) -> Result<Device> {
+        match (method.hardware(), self) {
+            (Hardware::Cpu, Self::Gpu(_) | Self::Cuda(_)) | (Hardware::Cpu | Hardware::OwnKernels, Self::Ndarray) => {
+                let name = method.name();
                 eprintln!("note: --method {name} is computed on the CPU, and --backend {self} changes nothing");
                 Ok(Device::flex())
             }
@@ -71,8 +70,8 @@ impl Backend {
     ///
     /// # Errors
     /// As [`Backend::device`].
-    pub fn device_for(self, method: &Method) -> Result<Device> {
-        if matches!(method, Method::Grid(_)) && self == Self::Ndarray {
+    pub fn device_for(self, method: &dyn Method) -> Result<Device> {
+        if method.hardware() != Hardware::Tensors && self == Self::Ndarray {
             eprintln!(
                 "note: what --method grid and hull make is no tensors on the CPU, and --backend {self} changes nothing"
             );

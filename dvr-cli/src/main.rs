@@ -5,6 +5,7 @@ mod backend;
 mod commands;
 #[cfg(feature = "gpu")]
 mod gpu;
+mod interrupt;
 mod memory;
 mod progress;
 mod remedy;

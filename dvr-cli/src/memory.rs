@@ -19,7 +19,7 @@ pub fn limit(device: &Device, memory: Option<u64>) {
 ///
 /// # Errors
 /// Says how many rays a step may have.
-pub fn limit_training(device: &Device, memory: Option<u64>, method: &Method) -> Result<()> {
+pub fn limit_training(device: &Device, memory: Option<u64>, method: &dyn Method) -> Result<()> {
     limit(device, memory);
     match memory.filter(|_| is_gpu(device)) {
         Some(bytes) => Ok(check_memory(method, bytes)?),

@@ -54,8 +54,6 @@ pub struct GridConfig {
     pub plane_sweep_pixels: usize,
     /// Views that may be wrong about the hull.
     pub disagreeing_views: DisagreeingViews,
-    /// Rounds, at most, in which cameras are moved to where they fit together before training; 0 believes the files.
-    pub refine_cameras: usize,
     /// One view in so many is held out, where the dataset does not say.
     pub hold_out_every: usize,
 }
@@ -195,7 +193,6 @@ impl GridConfig {
             neighbours: 6,
             plane_sweep_pixels: 15_000,
             disagreeing_views: DisagreeingViews::Auto,
-            refine_cameras: 0,
             hold_out_every: 8,
         }
     }

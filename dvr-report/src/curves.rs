@@ -2,22 +2,10 @@
 
 use std::path::Path;
 
+use dvr_train::is_loss_term;
+
 use crate::chart::{Axis, Chart, Scale, Series};
 use crate::error::{Error, Result};
-
-/// Columns of `metrics.csv` that are not terms of the loss; all others are drawn as terms.
-const NOT_TERMS: [&str; 10] = [
-    "step",
-    "seconds",
-    "loss",
-    "mask_iou",
-    "learning_rate",
-    "samples",
-    "held_out_psnr",
-    "held_out_mask_iou",
-    "cpu_seconds",
-    "chamfer_l1",
-];
 
 /// The columns of a `metrics.csv`.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -54,7 +42,7 @@ impl Curves {
 
     /// Names of the terms of the loss that were ever other than zero.
     fn terms(&self) -> Vec<&str> {
-        let names = self.names.iter().map(String::as_str).filter(|name| !NOT_TERMS.contains(name));
+        let names = self.names.iter().map(String::as_str).filter(|name| is_loss_term(name));
         names.filter(|name| self.pairs("step", name).iter().any(|[_, value]| *value != 0.0)).collect()
     }
 }

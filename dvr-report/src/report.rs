@@ -70,7 +70,7 @@ fn one(summary: &RunSummary, remedy: &Remedy, footer: String) -> Page {
     if !curves.is_empty() {
         sections.insert(sections.len() - 1, Section::new("Training", curves));
     }
-    let (supervision, seed) = (summary.header.method.supervision(), summary.header.method.seed());
+    let (supervision, seed) = (summary.header.common.supervision, summary.header.common.seed);
     let method = format!("{}, supervision {supervision}, seed {seed}", summary.settings.preset);
     Page { title: summary.title.clone(), subtitle: format!("{method}: run {}", summary.name), sections, footer }
 }

@@ -1,15 +1,15 @@
 //! The settings of a run beside the defaults of its method.
 
-use dvr_train::{GridConfig, Method, ObjectsConfig, TrainConfig};
+use dvr_train::{METHODS, MethodRecord, Supervision, method_by_name};
 use serde_json::Value;
 
 use crate::error::Result;
 
-/// A method's settings beside those of the preset with the fewest differences.
+/// A run's settings beside the defaults of its method.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
-    /// The preset: a method by its name.
-    pub preset: &'static str,
+    /// The method's name.
+    pub preset: String,
     /// Settings that differ: key, value, the preset's value.
     pub changed: Vec<[String; 3]>,
     /// The whole configuration, as JSON for people.
@@ -17,43 +17,19 @@ pub struct Settings {
 }
 
 impl Settings {
-    /// Finds the preset that needs the fewest changes.
+    /// Compares a configuration with the defaults of its method. A method that is not in the registry has no defaults
+    /// here, and nothing differs.
     ///
     /// # Errors
-    /// When the configuration cannot be written as JSON.
-    pub fn new(method: &Method) -> Result<Self> {
-        let supervision = method.supervision();
-        let presets = match method {
-            Method::Grid(_) => {
-                vec![("grid", Method::Grid(GridConfig::new(supervision))), ("hull", Method::Grid(GridConfig::hull()))]
-            }
-            Method::Network(_) => vec![
-                ("network", Method::Network(TrainConfig::new(supervision))),
-                ("classic", Method::Network(TrainConfig::classic(supervision))),
-            ],
-            Method::Objects(_) => vec![
-                ("network", Method::Objects(ObjectsConfig::new(supervision))),
-                ("classic", Method::Objects(ObjectsConfig::classic(supervision))),
-            ],
-        };
-        let whole = method.to_json()?;
-        let own = value(&whole);
-        let mut nearest: Option<(&'static str, Vec<[String; 3]>)> = None;
-        for (name, preset) in presets {
-            let mut changed = Vec::new();
-            compare(&own, &value(&preset.to_json()?), "", &mut changed);
-            if nearest.as_ref().is_none_or(|(_, other)| changed.len() < other.len()) {
-                nearest = Some((name, changed));
-            }
+    /// When the defaults cannot be written as JSON.
+    pub fn new(record: &MethodRecord, supervision: Supervision) -> Result<Self> {
+        let mut changed = Vec::new();
+        if METHODS.iter().any(|entry| entry.name == record.method) {
+            let preset = method_by_name(&record.method, supervision)?.config()?;
+            compare(&record.config, &preset, "", &mut changed);
         }
-        let (preset, changed) = nearest.unwrap_or_default();
-        Ok(Self { preset, changed, whole })
+        Ok(Self { preset: record.method.clone(), changed, whole: record.pretty() })
     }
-}
-
-/// A configuration as a value; the program wrote it itself.
-fn value(json: &str) -> Value {
-    serde_json::from_str(json).unwrap_or(Value::Null)
 }
 
 /// Collects what differs, by dotted keys.
@@ -76,20 +52,25 @@ fn compare(own: &Value, preset: &Value, path: &str, changed: &mut Vec<[String; 3
 #[cfg(test)]
 mod tests {
     use super::*;
-    use dvr_train::{Capacity, Supervision};
+    use serde_json::json;
 
     #[test]
-    fn only_what_differs_from_the_nearest_preset_is_listed() {
-        let defaults = Settings::new(&Method::Grid(GridConfig::new(Supervision::RgbDepth))).unwrap();
-        assert_eq!((defaults.preset, defaults.changed.len()), ("grid", 0));
-        assert_eq!(Settings::new(&Method::Grid(GridConfig::hull())).unwrap().preset, "hull");
-        assert_eq!(Settings::new(&Method::Network(TrainConfig::classic(Supervision::Rgb))).unwrap().preset, "classic");
-        let mut config = GridConfig { seed: 7, capacity: Capacity::Cells(64), ..GridConfig::new(Supervision::Rgb) };
-        config.losses.mask = 3.0;
-        let mut changed = Settings::new(&Method::Grid(config)).unwrap().changed;
+    fn only_what_differs_from_the_methods_defaults_is_listed() {
+        let settings = |name: &str, changes: Value| {
+            let method = method_by_name(name, Supervision::RgbDepth).unwrap().overridden(&changes).unwrap();
+            Settings::new(&method.record().unwrap(), Supervision::RgbDepth).unwrap()
+        };
+        for name in METHODS.iter().map(|entry| entry.name) {
+            let defaults = settings(name, json!({}));
+            assert_eq!((defaults.preset.as_str(), defaults.changed.len()), (name, 0));
+        }
+        let mut changed =
+            settings("grid", json!({"seed": 7, "capacity": {"cells": 64}, "losses": {"mask": 3.0}})).changed;
         changed.sort();
         let keys: Vec<&str> = changed.iter().map(|[key, ..]| key.as_str()).collect();
         assert_eq!(keys, ["capacity", "losses.mask", "seed"]);
         assert_eq!(changed[1][1..], ["3.0", "10.0"]);
+        let own = MethodRecord { method: "fourier".into(), config: json!({"rays": 3}) };
+        assert!(Settings::new(&own, Supervision::Rgb).unwrap().changed.is_empty());
     }
 }

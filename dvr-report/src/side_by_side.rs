@@ -40,8 +40,8 @@ fn figures(summaries: &[RunSummary], names: &[String]) -> String {
         let start = [
             name.clone(),
             summary.title.clone(),
-            summary.settings.preset.into(),
-            summary.header.method.supervision().to_string(),
+            summary.settings.preset.clone(),
+            summary.header.common.supervision.to_string(),
         ];
         start.into_iter().chain(heads.iter().map(figure)).collect()
     };

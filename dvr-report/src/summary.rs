@@ -6,7 +6,7 @@ use dvr_core::mesh::{Mesh, read_mesh};
 use dvr_core::{Camera, Scene, Split, View, Visibility};
 use dvr_render::MeshShader;
 use dvr_train::{
-    CheckpointHeader, ObjectsMetrics, RunFolder, RunMetrics, Summary, ViewSplit, judging_views, view_metrics,
+    CheckpointHeader, ObjectsMetrics, RunFolder, RunMetrics, Summary, ViewSplit, unseen_views, view_metrics,
 };
 use glam::DVec3;
 use serde_json::{Value, json};
@@ -107,7 +107,7 @@ impl RunSummary {
         scene: Option<&Scene>,
         budget: Budget,
     ) -> Result<Self> {
-        let settings = Settings::new(&header.method)?;
+        let settings = Settings::new(&header.method, header.common.supervision)?;
         let curves = Curves::read(&folder.metrics_csv())?;
         let name = name_of(folder.root());
         let mut summary = Self {
@@ -141,7 +141,7 @@ impl RunSummary {
         budget: Budget,
     ) -> Result<()> {
         self.title.clone_from(&metrics.scene);
-        let split = scene.map(|scene| ViewSplit::new(scene, self.header.method.hold_out_every())).transpose()?;
+        let split = scene.map(|scene| ViewSplit::new(scene, self.header.common.hold_out_every)).transpose()?;
         let mut mesh = match folder.mesh_ply() {
             path if path.is_file() => read_mesh(path)?.mesh.transformed(&self.header.object_to_world.inverse()),
             _ => Mesh::default(),
@@ -183,7 +183,7 @@ impl RunSummary {
     /// Renders the mesh into held-out views, and compares it with the mask of every training view.
     fn render_views(&mut self, mesh: &Mesh, scene: &Scene, split: &ViewSplit, budget: Budget) -> Result<()> {
         let shader = MeshShader::new(mesh);
-        let held_out = judging_views(scene, split);
+        let held_out = unseen_views(scene, split);
         self.views_are_held_out = !held_out.is_empty();
         let shown: &[&View] = if held_out.is_empty() { &split.train } else { &held_out };
         let count = budget.views.min(shown.len());

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
 use crate::learners::batch::PixelSampling;
-use crate::methods::method::overridden;
+use crate::methods::overrides::overridden;
 
 /// Weights of the losses. A weight of 0 leaves the term out of the computation altogether.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -118,10 +118,6 @@ pub struct TrainConfig {
     pub milestones_percent: Vec<u32>,
     /// See `milestones_percent`.
     pub learning_rate_factor: f64,
-    /// Rounds, at most, in which the cameras of a scene are moved to where they fit together before training; 0
-    /// believes the files.
-    #[serde(default)]
-    pub refine_cameras: usize,
     /// One view in this many is held out for validation where the dataset has no validation split; 0 trains on all.
     pub hold_out_every: usize,
     /// Steps between validations on held-out views.
@@ -172,7 +168,6 @@ impl TrainConfig {
             learning_rate: 3e-3,
             milestones_percent: vec![60, 85],
             learning_rate_factor: 0.3,
-            refine_cameras: 0,
             hold_out_every: 8,
             validate_every: 100,
             checkpoint_every: 100,
@@ -236,7 +231,7 @@ impl TrainConfig {
     /// # Errors
     /// Names the first key that does not exist, or the value that has the wrong type or is out of range.
     pub fn overridden(&self, overrides: &serde_json::Value) -> Result<Self> {
-        let config: Self = overridden(self, overrides)?;
+        let config: Self = overridden(self, overrides, &[])?;
         config.check()?;
         Ok(config)
     }
@@ -246,8 +241,10 @@ impl TrainConfig {
     /// # Errors
     /// Names the first unknown or missing key, or the value that is out of range.
     pub fn from_json(text: &str) -> Result<Self> {
-        let value: serde_json::Value = serde_json::from_str(text).map_err(|e| Error::Config(e.to_string()))?;
-        let config: Self = serde_json::from_value(value.clone()).map_err(|e| Error::Config(e.to_string()))?;
+        let value: serde_json::Value =
+            serde_json::from_str(text).map_err(|e| Error::BadConfig { problem: e.to_string() })?;
+        let config: Self =
+            serde_json::from_value(value.clone()).map_err(|e| Error::BadConfig { problem: e.to_string() })?;
         // Nested configurations of burn ignore what they do not know: lay the text over what was understood.
         config.overridden(&value)
     }
@@ -258,7 +255,7 @@ impl TrainConfig {
     /// Names the key, the value and the range.
     pub fn check(&self) -> Result<()> {
         let fail = |key: &str, value: String, range: &str| {
-            Err(Error::Config(format!("`{key}` is {value}, it must be {range}")))
+            Err(Error::OutOfRange { key: key.into(), value, range: range.into() })
         };
         if self.rays < self.patch_size * self.patch_size {
             return fail("rays", self.rays.to_string(), "at least one patch (patch_size squared)");

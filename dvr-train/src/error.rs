@@ -2,11 +2,14 @@
 
 use std::path::PathBuf;
 
+use dvr_core::Supervision;
+
 /// Result of anything in this crate that can fail.
 pub type Result<T> = std::result::Result<T, Error>;
 
-/// What went wrong, with the remedy.
+/// What went wrong.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum Error {
     /// A scene or a file could not be used.
     #[error(transparent)]
@@ -14,44 +17,276 @@ pub enum Error {
     /// The grid method failed.
     #[error(transparent)]
     Grid(dvr_grid::Error),
-    /// A configuration value is unknown or out of range.
-    #[error("configuration: {0}")]
-    Config(String),
-    /// A run folder or checkpoint cannot be used.
-    #[error("{}: {problem}. {remedy}", path.display())]
-    Run {
-        /// The folder or file.
-        path: PathBuf,
-        /// What was found. No full stop at the end.
-        problem: String,
-        /// What to do, with its full stop.
-        remedy: String,
+    /// A GPU refused.
+    #[cfg(feature = "gpu")]
+    #[error(transparent)]
+    Device(#[from] dvr_gpu::DeviceError),
+
+    /// A configuration value is out of range.
+    #[error("configuration: `{key}` is {value}, it must be {range}")]
+    OutOfRange {
+        /// The key, dotted.
+        key: String,
+        /// Its value.
+        value: String,
+        /// What it may be.
+        range: String,
     },
+    /// A configuration key does not exist.
+    #[error("configuration: unknown key `{key}`; there are: {}", known.join(", "))]
+    UnknownKey {
+        /// The key, dotted.
+        key: String,
+        /// The keys that there are beside it.
+        known: Vec<String>,
+    },
+    /// A configuration value has the wrong type.
+    #[error("configuration: {problem}")]
+    BadConfig {
+        /// What the value is and what was expected.
+        problem: String,
+    },
+    /// No method has this name.
+    #[error("there is no method `{name}`; there are: {}", known.join(", "))]
+    UnknownMethod {
+        /// The name.
+        name: String,
+        /// The names that there are.
+        known: Vec<&'static str>,
+    },
+    /// Occupancy supervision of a single scene.
+    #[error("supervision occupancy is for datasets of many objects; a single scene takes rgb, depth or rgb+depth")]
+    SceneOccupancy,
+    /// The method learns from many objects, and a single scene was given.
+    #[error("method {method} learns from a dataset of objects, not from a single scene")]
+    NeedsObjects {
+        /// The method.
+        method: String,
+    },
+    /// The method learns from a single scene, and many objects were given.
+    #[error("method {method} learns from a single scene, not from a dataset of objects")]
+    NeedsScene {
+        /// The method.
+        method: String,
+    },
+    /// The method cannot share its steps among devices.
+    #[error("method {method} trains on one device; only networks share their steps")]
+    OneDevice {
+        /// The method.
+        method: String,
+    },
+    /// Depth is to be learned, and nothing was measured.
+    #[error("supervision {supervision} needs depth maps, and scene {scene:?} has none")]
+    NeedsDepth {
+        /// The supervision.
+        supervision: Supervision,
+        /// The scene.
+        scene: String,
+    },
+    /// Sparse depth is to be learned, and there are no points.
+    #[error("losses.sparse_depth needs sparse points, and scene {scene:?} has none")]
+    NeedsSparsePoints {
+        /// The scene.
+        scene: String,
+    },
+
+    /// The model learned one scene and takes no pictures.
+    #[error("the run reconstructed one scene, and takes no pictures")]
+    OneScene,
+    /// The model knows many objects by learned codes, and none was chosen.
+    #[error("the run knows {objects} objects by their codes, counted from 0, and none was chosen")]
+    ChooseObject {
+        /// How many.
+        objects: usize,
+    },
+    /// The model learned many objects and needs a picture to know which.
+    #[error("the run learned many objects and needs a picture to know which")]
+    NeedsPicture,
+    /// The model has no learned codes of objects.
+    #[error("the run has no learned codes of objects, of which one could be chosen")]
+    NoCodes,
+    /// The model knows fewer objects.
+    #[error("there is no object {object}: the run knows {objects} objects, counted from 0")]
+    NoSuchObject {
+        /// The object that was asked for.
+        object: usize,
+        /// How many there are.
+        objects: usize,
+    },
+    /// The model knows objects by learned codes, and takes no pictures.
+    #[error("the run knows objects by learned codes and takes no pictures")]
+    TakesNoPictures,
+    /// The object was not trained on, and the model knows none but those.
+    #[error("the model has a learned code for each training object and takes no pictures of others")]
+    NotATrainingObject,
+    /// A run of learned codes goes on with another dataset.
+    #[error("a learned code per object: the run has codes of {before} objects, the dataset {now} training objects")]
+    OtherObjects {
+        /// Objects of the run.
+        before: usize,
+        /// Objects of the dataset.
+        now: usize,
+    },
+    /// Too many objects in a row are broken.
+    #[error("{}: {tries} objects in a row cannot be used; the last: {last}", dataset.display())]
+    BrokenObjects {
+        /// The dataset.
+        dataset: PathBuf,
+        /// How many were tried.
+        tries: usize,
+        /// What is wrong with the last of them.
+        last: String,
+    },
+    /// A thread that draws batches is gone.
+    #[error("a thread that draws batches ended too early")]
+    LoaderEnded,
+    /// A baseline finds nothing to compare with.
+    #[error("{}: no training object has {what}", dataset.display())]
+    NothingToCompare {
+        /// The dataset.
+        dataset: PathBuf,
+        /// What the baseline needs of training objects.
+        what: &'static str,
+    },
+    /// A category that no training object has.
+    #[error("category {category} has no training object with occupancy points to take the mean of")]
+    UnknownCategory {
+        /// The category.
+        category: String,
+    },
+    /// An encoder cannot start from a file.
+    #[error("pretrained {}: {problem}", path.display())]
+    Pretrained {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        problem: String,
+    },
+    /// The codes beside an imported decoder do not fit it.
+    #[error(transparent)]
+    Codes(#[from] CodesError),
+
+    /// The folder already holds a run.
+    #[error("{}: the folder already holds a run", path.display())]
+    FolderInUse {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// A file is no checkpoint.
+    #[error("{}: {problem}", path.display())]
+    NotACheckpoint {
+        /// The file.
+        path: PathBuf,
+        /// What was found.
+        problem: String,
+    },
+    /// A checkpoint of another version.
+    #[error("{}: checkpoint version {found}; this program reads version {expected}", path.display())]
+    CheckpointVersion {
+        /// The file.
+        path: PathBuf,
+        /// Its version.
+        found: u64,
+        /// The version that is read.
+        expected: u32,
+    },
+    /// Another file of a run, or a configuration, cannot be used.
+    #[error("{}: {problem}", path.display())]
+    BrokenFile {
+        /// The file.
+        path: PathBuf,
+        /// What was found.
+        problem: String,
+    },
+    /// What a checkpoint holds cannot be used.
+    #[error("{what} of the checkpoint cannot be used: {problem}")]
+    Damaged {
+        /// Which part.
+        what: &'static str,
+        /// What is wrong.
+        problem: String,
+    },
+    /// Something cannot be put in bytes.
+    #[error("the state cannot be stored: {problem}")]
+    NotStored {
+        /// What is wrong.
+        problem: String,
+    },
+    /// A network cannot be written for other programs.
+    #[error("the network cannot be written: {problem}")]
+    NotSaved {
+        /// What is wrong.
+        problem: String,
+    },
+    /// The model is no network that other programs know.
+    #[error("the run holds no network")]
+    NoNetwork,
+
     /// The loss is no longer a number.
-    #[error(
-        "the loss became {value} in step {step}. The last checkpoint is kept; resume with a smaller learning_rate."
-    )]
+    #[error("the loss became {value} in step {step}; the last checkpoint is kept")]
     Diverged {
         /// The step.
         step: usize,
         /// The loss.
         value: f64,
     },
-    /// A step takes more of a graphics processor's memory than it may.
-    #[error("{what} about {} of the graphics processor's memory, and {} are allowed: {remedy}", megabytes(*bytes), megabytes(*allowed))]
-    Memory {
-        /// What takes it, with its verb.
-        what: String,
+    /// Interrupted before the first step.
+    #[error("stopped before training began: there is nothing to continue")]
+    InterruptedEarly,
+    /// A step would take more of a GPU's memory than it may.
+    #[error("a step takes about {} of GPU memory, and {} are allowed", megabytes(*bytes), megabytes(*allowed))]
+    StepMemory {
         /// Bytes that it takes.
         bytes: u64,
         /// Bytes that it may.
         allowed: u64,
-        /// What to do.
-        remedy: String,
+        /// Most rays of a step that fits; `None` where no number of rays does.
+        rays: Option<usize>,
+    },
+    /// Tensors hold more of a GPU's memory than they may.
+    #[error(
+        "after step {step}, tensors hold about {} of GPU memory, and {} are allowed",
+        megabytes(*bytes), megabytes(*allowed)
+    )]
+    HeldMemory {
+        /// The step after which everything was saved.
+        step: usize,
+        /// Bytes that are held.
+        bytes: u64,
+        /// Bytes that may be.
+        allowed: u64,
     },
     /// No mesh could be extracted.
     #[error("{0}")]
     NoMesh(String),
+}
+
+/// Why codes and an imported network do not fit together.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum CodesError {
+    /// The file has an encoder.
+    #[error("the file has an encoder, which makes the codes, and codes were given too")]
+    HasEncoder,
+    /// The decoder takes none.
+    #[error("the decoder takes no codes, and codes were given")]
+    NotTaken,
+    /// There are none.
+    #[error("the decoder takes codes of length {length}, and the file has no encoder that makes them")]
+    Missing {
+        /// Their length.
+        length: usize,
+    },
+    /// There are none of any object.
+    #[error("the file of codes has none")]
+    Empty,
+    /// They have another length.
+    #[error("the codes have the length {found}, and the decoder takes codes of length {expected}")]
+    Length {
+        /// Their length.
+        found: usize,
+        /// The decoder's.
+        expected: usize,
+    },
 }
 
 impl From<dvr_grid::Error> for Error {
@@ -60,9 +295,7 @@ impl From<dvr_grid::Error> for Error {
             dvr_grid::Error::Scene(error) => Self::Scene(error),
             dvr_grid::Error::Diverged { step, value } => Self::Diverged { step, value },
             #[cfg(feature = "gpu")]
-            dvr_grid::Error::Device(problem) => {
-                crate::device::refused(problem, "--downscale and a lower --capacity take less")
-            }
+            dvr_grid::Error::Device(problem) => Self::Device(problem),
             other => Self::Grid(other),
         }
     }

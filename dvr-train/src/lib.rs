@@ -39,8 +39,6 @@
 
 mod cameras;
 mod config;
-#[cfg(feature = "gpu")]
-mod device;
 mod error;
 mod evaluate;
 mod export;
@@ -57,24 +55,34 @@ pub use config::{HullUse, LossWeights, MarchStage, OccupancyPoint, TrainConfig};
 pub use dvr_core::{Supervision, ViewSplit};
 pub use dvr_grid::{Capacity, DisagreeingViews, GridConfig, GridLosses, GridTrainer, Part, PartTimes};
 pub use dvr_render::{ViewMetrics, view_metrics};
-pub use error::{Error, Result};
+pub use error::{CodesError, Error, Result};
 pub use evaluate::{ShapeEvaluation, ViewEvaluation, evaluate_shape, evaluate_views};
 pub use export::bake::bake_colors;
-pub use export::export_run::{RunMetrics, extraction_warnings, finish, judging_views, surface_points};
+pub use export::export_run::{RunMetrics, extraction_warnings, finish, surface_points, unseen_views};
 pub use export::mesh::{ColorSource, MeshOptions, object_mesh, world_mesh};
 pub use export::preview;
 pub use import::convert::{ImportOptions, ImportedScene, import};
-pub use import::reference_config::OriginalConfig;
+pub use import::reference_config::ReferenceConfig;
 pub use learners::batch::{PixelBatch, PixelSampling, Pixels};
-pub use learners::learner::Learner;
+pub use learners::learner::{Learner, LearnerState};
 pub use learners::losses;
 pub use learners::objective::{StepLoss, StepNoise, sparse_depth_loss, step_loss};
 pub use learners::sparse::SparseTargets;
-pub use learners::trainer::{StepReport, Trainer};
+pub use learners::step_report::StepReport;
+pub use learners::trainer::Trainer;
 pub use learners::warm_start::{carve_hull, hull_bound, warm_start};
-pub use methods::memory_estimate::{check_memory, memory_estimate};
-pub use methods::method::Method;
-pub use methods::trained_model::Model;
+pub use methods::classic::classic;
+pub use methods::field_method::FieldMethod;
+pub use methods::grid::{GridMethod, grid};
+pub use methods::hull::hull;
+pub use methods::memory_estimate::check_memory;
+pub use methods::method::{Hardware, Method, Needs, Schedule, Start};
+pub use methods::network::network;
+pub use methods::object_model::load_object;
+pub use methods::objects::{ObjectsMethod, objects, objects_classic};
+pub use methods::record::{CommonSettings, MethodRecord};
+pub use methods::trained_model::TrainedModel;
+pub use methods::{METHODS, MethodEntry, load_model, method_by_name, method_of};
 pub use objects::predict::{Prediction, predict};
 pub use objects::{
     Evaluation, MeanScore, MeanShapes, Measurement, NearestPicture, ObjectModel, ObjectScore, ObjectsConfig,
@@ -83,7 +91,9 @@ pub use objects::{
 };
 pub use observer::Observer;
 pub use resources::Resources;
-pub use run::checkpoint::{Best, CHECKPOINT_VERSION, Checkpoint, CheckpointHeader, LearnerState};
+pub use run::best::Best;
+pub use run::checkpoint::{CHECKPOINT_VERSION, Checkpoint, CheckpointHeader};
 pub use run::folder::RunFolder;
-pub use run::options::{RunOptions, Stop, Trained};
+pub use run::metrics_log::is_loss_term;
+pub use run::options::{RunOptions, RunOutcome, Stop, Trained};
 pub use run::train::train;

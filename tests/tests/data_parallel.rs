@@ -21,7 +21,7 @@ fn several_devices_train_as_one_does() {
         let field = seeded(0, || config.model.init(&device.clone().autodiff()));
         let views = ViewSplit::new(&scene, config.hold_out_every).unwrap();
         let trainer = Trainer::new(field, views, config.clone(), device.clone());
-        let mut trainer = trainer.with_helpers(helpers.iter().cloned());
+        let mut trainer = trainer.data_parallel(helpers.iter().cloned());
         let reports: Vec<_> = (0..STEPS).map(|_| trainer.step().unwrap()).collect();
         let points: Vec<[f64; 3]> = (0..50).map(|i| [0.01, 0.007, -0.013].map(|x| x * f64::from(i))).collect();
         let logits = trainer.frozen().occupancy_logit(&Query::new(tensor3(&points, &device)));
@@ -51,6 +51,6 @@ fn a_device_without_neighbours_for_the_normals_leaves_that_term_out() {
     config.losses.normal_points = 1;
     let views = ViewSplit::new(&scene, config.hold_out_every).unwrap();
     let field = seeded(0, || config.model.init(&device.clone().autodiff()));
-    let mut trainer = Trainer::new(field, views, config, device.clone()).with_helpers([device.clone(), device]);
+    let mut trainer = Trainer::new(field, views, config, device.clone()).data_parallel([device.clone(), device]);
     assert!((0..3).all(|_| trainer.step().unwrap().loss.is_finite()));
 }

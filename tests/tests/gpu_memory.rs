@@ -1,11 +1,9 @@
 //! A limit on GPU memory holds: what tensors hold is measured, and a run that holds more is saved and ends.
 
-use std::sync::atomic::AtomicBool;
-
 use burn::tensor::Tensor;
 use dvr_core::mesh::shapes;
 use dvr_tests::{gpu, rendered_scene};
-use dvr_train::{Checkpoint, Error, Method, RunFolder, RunOptions, Supervision, TrainConfig, train};
+use dvr_train::{Checkpoint, Error, FieldMethod, RunFolder, RunOptions, Supervision, TrainConfig, train};
 
 // One test, because the limit holds for the whole process.
 #[test]
@@ -25,26 +23,18 @@ fn a_run_that_holds_more_memory_than_it_may_is_saved_and_ends() {
     drop(tensor);
 
     let folder = tempfile::tempdir().unwrap();
-    let scene = rendered_scene(shapes::icosphere(2, 1.0), 8, 16);
+    let mut scene = rendered_scene(shapes::icosphere(2, 1.0), 8, 16);
     let mut config = TrainConfig { rays: 32, steps: 40, hold_out_every: 0, ..TrainConfig::new(Supervision::Rgb) };
     (config.model.hidden, config.model.blocks, config.model.octaves) = (16, 1, 0);
     (config.hull.warm_start_steps, config.losses.normal) = (0, 0.0);
     let run = RunFolder::new(folder.path().join("run"));
     run.create().unwrap();
-    let options = RunOptions {
-        helpers: Vec::new(),
-        folder: run.clone(),
-        device: gpu,
-        reading: serde_json::Value::Null,
-        time_limit: None,
-        refined: None,
-        truth: None,
-        interrupted: &AtomicBool::new(false),
-    };
+    let options = RunOptions::new(run.clone(), gpu);
     dvr_gpu::limit_memory(10_000);
-    let problem = match train(&scene, Method::Network(config), None, &options, &mut ()) {
-        Err(problem @ Error::Memory { .. }) => problem.to_string(),
-        other => panic!("{:?}", other.map(|trained| trained.steps)),
+    let method = FieldMethod::new("small", config, |config, device| config.model.init(device)).with_decoder_settings();
+    let problem = match train(&mut scene, &method, None, &options, &mut ()) {
+        Err(problem @ Error::HeldMemory { .. }) => problem.to_string(),
+        other => panic!("{:?}", other.map(|trained| trained.outcome.steps)),
     };
     for part in ["after step 10", "are allowed"] {
         assert!(problem.contains(part), "{part:?} is missing in: {problem}");

@@ -20,7 +20,7 @@ pub struct BenchArgs {
     #[arg(long, short, value_name = "DIR")]
     pub out: PathBuf,
     /// Methods to compare, as in `dvr train --method`; comma-separated
-    #[arg(long, value_enum, value_delimiter = ',', default_values_t = [MethodName::Hull, MethodName::Grid], value_name = "METHOD")]
+    #[arg(long, value_enum, value_delimiter = ',', default_values_t = [MethodName("hull"), MethodName("grid")], value_name = "METHOD")]
     pub methods: Vec<MethodName>,
     /// A named variant of `grid` (or of METHOD, with method=METHOD) with other settings, e.g.
     /// no-photo-consistency:losses.photo_consistency=0,losses.patch_ncc=0; repeatable

@@ -1,20 +1,26 @@
 //! Methods and their size by name.
 
-use clap::ValueEnum;
+use std::sync::LazyLock;
 
-/// Reconstruction methods.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum MethodName {
-    /// Multi-resolution voxel grid: seconds
-    Grid,
-    /// The paper's network, initialised with the visual hull: minutes; for datasets of objects, a network for a few cores:
-    /// an hour
-    Network,
-    /// The network with the paper's settings: minutes for 600 steps (the paper: 300 000); for datasets of objects: months
-    /// without a GPU
-    Classic,
-    /// The visual hull of the masks, coloured by the photographs: no training
-    Hull,
+use clap::ValueEnum;
+use clap::builder::PossibleValue;
+use dvr_train::METHODS;
+
+/// The name of a method of the registry.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct MethodName(pub &'static str);
+
+impl ValueEnum for MethodName {
+    fn value_variants<'a>() -> &'a [Self] {
+        static ALL: LazyLock<Vec<MethodName>> =
+            LazyLock::new(|| METHODS.iter().map(|entry| MethodName(entry.name)).collect());
+        &ALL
+    }
+
+    fn to_possible_value(&self) -> Option<PossibleValue> {
+        let entry = METHODS.iter().find(|entry| entry.name == self.0);
+        entry.map(|entry| PossibleValue::new(entry.name).help(entry.about))
+    }
 }
 
 /// Values of `--capacity`.

@@ -22,7 +22,9 @@ pub use bench::BenchArgs;
 pub use eval::{Baseline, EvalArgs, SplitArg};
 pub use exchange::{ExportArgs, ImportArgs};
 pub use mesh::{Colors, ContourName, MeshArgs, MeshingArgs, SurfaceArgs};
-pub use method::{CapacityArg, MethodName};
+pub use method::CapacityArg;
+#[cfg(test)]
+pub use method::MethodName;
 pub use predict::PredictArgs;
 pub use render::{Animation, Cameras, RenderArgs, UpAxis};
 pub use report::ReportArgs;

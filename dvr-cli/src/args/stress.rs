@@ -41,10 +41,9 @@ pub struct StressArgs {
 impl StressArgs {
     /// What is tested: methods, then variants.
     pub fn variants(&self) -> Vec<Variant> {
-        use MethodName::{Classic, Grid, Hull, Network};
         let methods = match (self.methods.is_empty(), self.full) {
-            (true, true) => &[Hull, Grid, Network, Classic][..],
-            (true, false) => &[Hull, Grid],
+            (true, true) => &[MethodName("hull"), MethodName("grid"), MethodName("network"), MethodName("classic")][..],
+            (true, false) => &[MethodName("hull"), MethodName("grid")],
             (false, _) => &self.methods,
         };
         Variant::all(methods, &self.variant)

@@ -34,7 +34,7 @@ pub struct TrainArgs {
     /// [default: rgb]
     #[arg(long, value_name = "WHAT", help_heading = "Training")]
     pub supervision: Option<Supervision>,
-    /// Reconstruction method [default: grid; for datasets of objects: network]
+    /// Reconstruction method [default: grid; for datasets of objects: objects]
     #[arg(long, visible_alias = "preset", value_enum, help_heading = "Training")]
     pub method: Option<MethodName>,
     /// Finest grid of the method `grid`: auto (decided on held-out views), or cells per edge, a power of two from 32 to

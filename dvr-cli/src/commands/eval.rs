@@ -9,12 +9,13 @@ use dvr_core::mesh::{Mesh, read_mesh};
 use dvr_core::{Scene, View};
 use dvr_render::{MeshShader, Shader};
 use dvr_train::{
-    Checkpoint, ColorSource, Error, GridConfig, MeshOptions, Method, Model, Observer, ShapeEvaluation, Supervision,
-    ViewEvaluation, ViewSplit, evaluate_shape, evaluate_views, judging_views, object_mesh, surface_points,
+    Checkpoint, ColorSource, Error, GridConfig, MeshOptions, Observer, ShapeEvaluation, Supervision, ViewEvaluation,
+    ViewSplit, evaluate_shape, evaluate_views, method_of, object_mesh, surface_points, unseen_views,
 };
 use serde::Serialize;
 
-use super::{SCENE_RESOLUTION, eval_objects, load_run, mesh_options, scene_of_run};
+use super::shape_table::print_shape;
+use super::{SCENE_RESOLUTION, eval_objects, load_model, load_run, mesh_options, scene_of_run};
 use crate::args::EvalArgs;
 use crate::memory;
 use crate::progress::Progress;
@@ -36,7 +37,7 @@ pub fn run(args: &EvalArgs) -> Result<ExitCode> {
         of_mesh(args, subject)?
     } else {
         let checkpoint = load_run(subject)?;
-        if let Method::Objects(_) = checkpoint.header.method {
+        if method_of(&checkpoint.header.method)?.objects().is_some() {
             return eval_objects::of_run(args, subject, &checkpoint);
         }
         refuse_objects(args)?;
@@ -75,21 +76,21 @@ fn of_mesh(args: &EvalArgs, mesh: &Path) -> Result<Report> {
     let mesh = read_mesh(mesh)?.mesh.transformed(&scene.object_to_world.inverse());
     let shape = evaluate_shape(&mesh, &scene.ground_truth, args.seed)?;
     let hold_out_every = GridConfig::new(Supervision::default()).hold_out_every;
-    let judges = judging_views(&scene, &ViewSplit::new(&scene, hold_out_every)?);
-    let views = if args.no_views { Vec::new() } else { rendered(&MeshShader::new(&mesh), &judges)? };
+    let held_out = unseen_views(&scene, &ViewSplit::new(&scene, hold_out_every)?);
+    let views = if args.no_views { Vec::new() } else { rendered(&MeshShader::new(&mesh), &held_out)? };
     Ok(Report { scene: scene.name, shape, views })
 }
 
 fn of_run(args: &EvalArgs, checkpoint: &Checkpoint) -> Result<Report> {
     let scene: Scene = scene_of_run(checkpoint, args.data.as_ref(), args.reading.memory)?;
-    let device = args.backend.backend.device_for(&checkpoint.header.method)?;
+    let device = args.backend.backend.device_for(method_of(&checkpoint.header.method)?.as_ref())?;
     memory::limit(&device, args.reading.memory);
-    let model = Model::load(checkpoint, &device)?;
-    let split = ViewSplit::new(&scene, checkpoint.header.method.hold_out_every())?;
+    let model = load_model(checkpoint, None, &device)?;
+    let split = ViewSplit::new(&scene, checkpoint.header.common.hold_out_every)?;
     let seeds = surface_points(model.thorough_shader().as_ref(), &split.train, 2_000);
     // Photographs tell which small pieces stay; colours are not looked at.
     let options = MeshOptions { colors: ColorSource::Field, ..mesh_options(&args.meshing, SCENE_RESOLUTION) };
-    let mesh = match object_mesh(&model, &options, &seeds, &split.train) {
+    let mesh = match object_mesh(model.as_ref(), &options, &seeds, &split.train) {
         Ok(extracted) => extracted.mesh,
         Err(Error::NoMesh(reason)) => {
             eprintln!("note: {reason}");
@@ -100,8 +101,8 @@ fn of_run(args: &EvalArgs, checkpoint: &Checkpoint) -> Result<Report> {
     let shape = evaluate_shape(&mesh, &scene.ground_truth, args.seed)?;
     let mut views = Vec::new();
     if !args.no_views {
-        let judges = judging_views(&scene, &split);
-        views = rendered(model.shader(args.samples as usize).as_ref(), &judges)?;
+        let held_out = unseen_views(&scene, &split);
+        views = rendered(model.shader(args.samples as usize).as_ref(), &held_out)?;
     }
     Ok(Report { scene: scene.name, shape, views })
 }
@@ -110,33 +111,6 @@ fn rendered(shader: &dyn Shader, views: &[&View]) -> Result<Vec<ViewEvaluation>>
     let mut progress = Progress::new();
     progress.phase("rendering held-out views", views.len());
     Ok(evaluate_views(shader, views, |done| progress.progress(done, ""))?)
-}
-
-/// Prints the shape's figures, each Chamfer beside its floor.
-pub fn print_shape(shape: &ShapeEvaluation) {
-    if let Some(score) = &shape.surface {
-        println!("shape (unit: edge of the object cube; papers print ten times the Chamfer distance)");
-        println!("  {:<22}{:>9}{:>9}", "", "result", "floor");
-        let floor = shape.floor.as_ref();
-        let row = |name: &str, value: f64, floor: Option<f64>| {
-            let floor = floor.map_or(String::new(), |f| format!("{f:.4}"));
-            println!("  {name:<22}{value:>9.4}{floor:>9}");
-        };
-        row("Chamfer-L1", score.chamfer_l1, floor.map(|f| f.chamfer_l1));
-        row("accuracy", score.accuracy, floor.map(|f| f.accuracy));
-        row("completeness", score.completeness, floor.map(|f| f.completeness));
-        if let Some(normals) = &score.normal_consistency {
-            let floor = floor.and_then(|f| f.normal_consistency.as_ref()).map(|n| n.mean);
-            row("normal consistency", normals.mean, floor);
-        }
-        for (i, f_score) in score.f_scores.iter().enumerate() {
-            let floor = floor.and_then(|f| f.f_scores.get(i)).map(|f| f.f_score);
-            row(&format!("F-score at {}", f_score.threshold), f_score.f_score, floor);
-        }
-    }
-    if let Some(iou) = shape.volume_iou {
-        println!("  {:<22}{iou:>9.4}", "volume IoU");
-    }
 }
 
 /// Prints the views' figures and their means.

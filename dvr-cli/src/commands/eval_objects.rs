@@ -12,17 +12,17 @@ use dvr_train::{
     Summary, merge_results, to_markdown, write_summaries,
 };
 
-use super::train::{INTERRUPTED, interrupt_on_ctrl_c};
-use super::train_objects::options_of_run;
+use super::dataset_of_run::options_of_run;
 use super::{OBJECT_RESOLUTION, mesh_options};
 use crate::EXIT_INTERRUPTED;
 use crate::args::{Baseline, EvalArgs, SplitArg};
+use crate::interrupt::{self, INTERRUPTED};
 use crate::memory;
 use crate::progress::Progress;
 
 /// Measures a run.
 pub fn of_run(args: &EvalArgs, run: &Path, checkpoint: &Checkpoint) -> Result<ExitCode> {
-    let device = args.backend.backend.device_for(&checkpoint.header.method)?;
+    let device = args.backend.backend.device()?;
     memory::limit(&device, args.reading.memory);
     let model = ObjectModel::load(checkpoint, &device)?;
     let root = args.data.as_ref().unwrap_or(&checkpoint.header.scene);
@@ -103,7 +103,7 @@ fn measure(
         if whole { "objects.jsonl".to_owned() } else { format!("objects-{}-of-{}.jsonl", shard.number, shard.of) };
     let path = out.join(file);
     let mut results = Results::open(&path, measurement.clone())?;
-    interrupt_on_ctrl_c()?;
+    interrupt::catch()?;
     let evaluation = Evaluation { dataset, subject, split, shard, extraction: &extraction };
     let broken = evaluation.run(&mut results, &INTERRUPTED, &mut Progress::new())?;
     if INTERRUPTED.load(Ordering::Relaxed) {

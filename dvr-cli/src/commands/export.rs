@@ -2,11 +2,11 @@
 
 use std::process::ExitCode;
 
-use anyhow::{Result, bail};
+use anyhow::Result;
 use dvr_model::save_safetensors;
-use dvr_train::{Method, Model, ObjectModel};
+use dvr_train::{ObjectModel, method_of};
 
-use super::load_run;
+use super::{load_model, load_run};
 use crate::args::ExportArgs;
 use crate::backend::Backend;
 
@@ -14,18 +14,11 @@ use crate::backend::Backend;
 pub fn run(args: &ExportArgs) -> Result<ExitCode> {
     let checkpoint = load_run(&args.run)?;
     let device = Backend::Cpu.device()?;
-    match &checkpoint.header.method {
-        Method::Objects(config) => {
-            let model = ObjectModel::load(&checkpoint, &device)?;
-            save_safetensors(&args.out, model.model(), &config.image_model())?;
-        }
-        Method::Network(config) => {
-            let Model::Network { surface, .. } = Model::load(&checkpoint, &device)? else { bail!("not a network") };
-            save_safetensors(&args.out, surface.field().decoder(), &config.model)?;
-        }
-        Method::Grid(_) => {
-            bail!("{} holds a grid field, not a network: `dvr train --method network` makes one", args.run.display());
-        }
+    if let Some(config) = method_of(&checkpoint.header.method)?.objects() {
+        let model = ObjectModel::load(&checkpoint, &device)?;
+        save_safetensors(&args.out, model.model(), &config.image_model())?;
+    } else {
+        load_model(&checkpoint, None, &device)?.save_network(&args.out)?;
     }
     println!("wrote {}", args.out.display());
     Ok(ExitCode::SUCCESS)

@@ -8,7 +8,7 @@ use dvr_core::Similarity;
 use dvr_core::dataset::{Normalise, ObjectOptions, is_object_dataset, read_scene};
 use dvr_core::npz::NpzFile;
 use dvr_model::{ImportedNetwork, PytorchCheckpoint, read_pytorch};
-use dvr_train::{ImportOptions, ImportedScene, OriginalConfig, RunFolder, import};
+use dvr_train::{ImportOptions, ImportedScene, ReferenceConfig, RunFolder, import};
 
 use super::{SceneReading, print_notes};
 use crate::args::ImportArgs;
@@ -17,7 +17,7 @@ use crate::backend::Backend;
 /// Reads, translates, writes.
 pub fn run(args: &ImportArgs) -> Result<ExitCode> {
     let device = Backend::Cpu.device()?;
-    let config = args.yaml.as_deref().map(OriginalConfig::read).transpose()?;
+    let config = args.yaml.as_deref().map(ReferenceConfig::read).transpose()?;
     let leaky = args.leaky || config.as_ref().is_some_and(|config| config.train.model.leaky);
     let file = || args.file.display().to_string();
     let mut found = read_pytorch(&args.file, leaky, &device).with_context(file)?;
@@ -30,7 +30,7 @@ pub fn run(args: &ImportArgs) -> Result<ExitCode> {
         folder.clear()?;
     }
     folder.create()?;
-    dvr_core::files::write_bytes_atomically(&folder.config(), checkpoint.header.method.to_json()?.as_bytes())?;
+    dvr_core::files::write_bytes_atomically(&folder.config(), checkpoint.header.method.pretty().as_bytes())?;
     checkpoint.save(&folder.last())?;
     print_notes(&found.notes);
     println!("{}", summary(&found));
@@ -95,7 +95,7 @@ fn read_codes(path: &Path) -> Result<Vec<Vec<f32>>> {
 }
 
 /// The scene or dataset of the run. Object space is that of the files, as the original takes it.
-fn scene_of(data: &Path, args: &ImportArgs, config: Option<&OriginalConfig>) -> Result<ImportedScene> {
+fn scene_of(data: &Path, args: &ImportArgs, config: Option<&ReferenceConfig>) -> Result<ImportedScene> {
     let mut reading = SceneReading::of_arguments(&args.reading);
     let options = &mut reading.options;
     options.normalise = Normalise::Files;

@@ -59,7 +59,13 @@ impl Job<'_> {
         if self.variant.method != "hull" {
             command.args(["--supervision", self.supervision]);
         }
-        command.args(self.variant.settings.iter().flat_map(|setting| ["--set", setting.as_str()]));
+        for setting in &self.variant.settings {
+            match setting.strip_prefix("refine_cameras=") {
+                // An option of the run rather than a setting of the method.
+                Some(rounds) => command.args(["--refine-cameras", rounds]),
+                None => command.args(["--set", setting]),
+            };
+        }
         if self.follow_shape {
             command.arg("--follow-shape");
         }

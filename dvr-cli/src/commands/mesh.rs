@@ -4,7 +4,7 @@ use std::process::ExitCode;
 
 use anyhow::{Result, bail};
 use dvr_core::mesh::write_mesh;
-use dvr_train::{Method, RunFolder, ViewSplit, extraction_warnings, object_mesh, surface_points, world_mesh};
+use dvr_train::{RunFolder, ViewSplit, extraction_warnings, method_of, object_mesh, surface_points, world_mesh};
 
 use super::{SCENE_RESOLUTION, load_model, load_run, mesh_options, print_notes, scene_of_run};
 use crate::args::MeshArgs;
@@ -16,17 +16,18 @@ const SEED_RAYS: usize = 2_000;
 /// Extracts and writes.
 pub fn run(args: &MeshArgs) -> Result<ExitCode> {
     let checkpoint = load_run(&args.run)?;
-    let device = args.backend.backend.device_for(&checkpoint.header.method)?;
+    let method = method_of(&checkpoint.header.method)?;
+    let device = args.backend.backend.device_for(method.as_ref())?;
     memory::limit(&device, args.memory.memory);
     let model = load_model(&checkpoint, args.object, &device)?;
     // The scene helps to find thin parts and gives sharp colours; a run can be meshed without it.
     // What knows many objects was trained on many folders, and what was imported may know of none.
-    let has_scene = !matches!(checkpoint.header.method, Method::Objects(_))
-        && (args.data.is_some() || !checkpoint.header.scene.as_os_str().is_empty());
+    let has_scene =
+        method.objects().is_none() && (args.data.is_some() || !checkpoint.header.scene.as_os_str().is_empty());
     let scene = has_scene.then(|| scene_of_run(&checkpoint, args.data.as_ref(), args.memory.memory));
     let views = match &scene {
         None => Vec::new(),
-        Some(Ok(scene)) => ViewSplit::new(scene, checkpoint.header.method.hold_out_every())?.train,
+        Some(Ok(scene)) => ViewSplit::new(scene, checkpoint.header.common.hold_out_every)?.train,
         Some(Err(error)) if args.data.is_some() => bail!("{error:#}"),
         Some(Err(_)) => {
             eprintln!("note: the run's scene is not where it was (--data says where): colours come from the field");
@@ -34,7 +35,7 @@ pub fn run(args: &MeshArgs) -> Result<ExitCode> {
         }
     };
     let seeds = surface_points(model.thorough_shader().as_ref(), &views, SEED_RAYS);
-    let extracted = object_mesh(&model, &mesh_options(&args.meshing, SCENE_RESOLUTION), &seeds, &views)?;
+    let extracted = object_mesh(model.as_ref(), &mesh_options(&args.meshing, SCENE_RESOLUTION), &seeds, &views)?;
     print_notes(&extraction_warnings(&extracted));
     let mesh = if args.object_space {
         extracted.mesh

@@ -2,6 +2,7 @@
 
 pub mod bench;
 mod benchmark_page;
+mod dataset_of_run;
 pub mod devices;
 pub mod eval;
 mod eval_objects;
@@ -12,11 +13,14 @@ mod job;
 mod machine;
 pub mod mesh;
 mod meshing;
+mod method_of_args;
 mod notes;
 pub mod predict;
 pub mod render;
 pub mod report;
+mod run_start;
 mod scene_reading;
+mod shape_table;
 mod stored_run;
 pub mod stress;
 pub mod synth;

@@ -24,7 +24,7 @@ const FRAMES_A_SECOND: u32 = 18;
 /// Renders and writes.
 pub fn run(args: &RenderArgs) -> Result<ExitCode> {
     let checkpoint = load_run(&args.run)?;
-    let device = args.backend.backend.device_for(&checkpoint.header.method)?;
+    let device = args.backend.backend.device_for(dvr_train::method_of(&checkpoint.header.method)?.as_ref())?;
     memory::limit(&device, args.memory.memory);
     let model = load_model(&checkpoint, args.object, &device)?;
     let object_to_world = checkpoint.header.object_to_world;

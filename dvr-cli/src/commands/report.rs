@@ -7,7 +7,7 @@ use anyhow::Result;
 use dvr_core::Scene;
 use dvr_core::files::write_bytes_atomically;
 use dvr_report::{ReportWords, SourceRun, run_report};
-use dvr_train::{Checkpoint, CheckpointHeader, Method, Observer, RunFolder};
+use dvr_train::{Checkpoint, CheckpointHeader, METHODS, Observer, RunFolder};
 
 use super::scene_of_run;
 use crate::args::ReportArgs;
@@ -58,7 +58,7 @@ fn program() -> String {
 
 /// The scene of a run. Without --data, a scene that cannot be read is left out of the report.
 fn scene_if_found(checkpoint: &Checkpoint, moved: Option<&PathBuf>, progress: &mut Progress) -> Result<Option<Scene>> {
-    if let Method::Objects(_) = checkpoint.header.method {
+    if METHODS.iter().any(|entry| entry.name == checkpoint.header.method.method && entry.learns_objects) {
         return Ok(None);
     }
     match scene_of_run(checkpoint, moved, None) {

@@ -6,7 +6,7 @@ use anyhow::{Context, Result, bail};
 use burn::tensor::Device;
 use dvr_core::Scene;
 use dvr_core::dataset::Normalise;
-use dvr_train::{Checkpoint, Model, RefinedCameras, RunFolder};
+use dvr_train::{Checkpoint, RefinedCameras, RunFolder, TrainedModel, load_object};
 
 use super::scene_reading::SceneReading;
 
@@ -17,10 +17,10 @@ pub fn load_run(path: &Path) -> Result<Checkpoint> {
 }
 
 /// The field of a run: of its scene, or of one of the objects that it has learned codes for.
-pub fn load_model(checkpoint: &Checkpoint, object: Option<usize>, device: &Device) -> Result<Model> {
+pub fn load_model(checkpoint: &Checkpoint, object: Option<usize>, device: &Device) -> Result<Box<dyn TrainedModel>> {
     Ok(match object {
-        Some(object) => Model::of_object(checkpoint, object, device)?,
-        None => Model::load(checkpoint, device)?,
+        Some(object) => load_object(checkpoint, object, device)?,
+        None => dvr_train::load_model(checkpoint, device)?,
     })
 }
 

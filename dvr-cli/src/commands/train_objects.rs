@@ -3,17 +3,16 @@
 use std::process::ExitCode;
 use std::sync::Arc;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Result, bail};
 use cpu_time::ProcessTime;
 use dvr_core::Split;
-use dvr_core::dataset::{ObjectDataset, ObjectOptions, ReadOptions};
+use dvr_core::dataset::{ObjectDataset, ReadOptions};
 use dvr_render::is_gpu;
 use dvr_report::SourceRun;
-use dvr_train::{
-    Checkpoint, Method, ObjectsConfig, ObjectsMetrics, RunFolder, Stop, Trained, finish_objects, train_objects,
-};
+use dvr_train::{Checkpoint, Method, ObjectsConfig, ObjectsMetrics, RunFolder, Stop, finish_objects, train_objects};
 
-use super::train::{interrupted, prepare, run_options};
+use super::dataset_of_run::options_of_run;
+use super::run_start::{interrupted, prepare, run_options};
 use crate::args::{SceneArgs, TrainArgs};
 use crate::commands::report::write_report;
 use crate::memory::limit_training;
@@ -23,11 +22,12 @@ use crate::progress::Progress;
 pub fn run(
     args: &TrainArgs,
     folder: &RunFolder,
-    config: ObjectsConfig,
+    method: &dyn Method,
+    config: &ObjectsConfig,
     resumed: Option<&Checkpoint>,
 ) -> Result<ExitCode> {
     let device = args.backend().device()?;
-    limit_training(&device, args.reading.memory, &Method::Objects(config.clone()))?;
+    limit_training(&device, args.reading.memory, method)?;
     let (root, options) = match resumed {
         Some(checkpoint) => {
             let path = args.scene.clone().unwrap_or_else(|| checkpoint.header.scene.clone());
@@ -40,22 +40,22 @@ pub fn run(
         }
     };
     let dataset = Arc::new(ObjectDataset::open(&root, options.clone())?);
-    describe(&dataset, &config);
-    prepare(folder, args, &Method::Objects(config.clone()))?;
+    describe(&dataset, config);
+    prepare(folder, args, method)?;
     let options = run_options(args, folder, serde_json::to_value(options)?, device)?;
     let mut progress = Progress::new();
     let cpu = ProcessTime::now();
-    let result = train_objects(&dataset, config, resumed, &options, &mut progress)?;
+    let result = train_objects(&dataset, method, resumed, &options, &mut progress)?;
     let cpu_seconds = cpu.elapsed().as_secs_f64();
-    if result.trained.stop == Stop::Interrupted {
-        return Ok(interrupted(&result.trained, folder));
+    if result.outcome.stop == Stop::Interrupted {
+        return Ok(interrupted(&result.outcome, folder));
     }
-    let metrics = finish_objects(&dataset, &result, folder, &options.device, &mut progress)?;
+    let metrics = finish_objects(&dataset, &result, folder, &mut progress)?;
     if !args.no_report {
-        let run = SourceRun { folder: folder.clone(), header: result.trained.checkpoint.header.clone(), scene: None };
+        let run = SourceRun { folder: folder.clone(), header: result.outcome.header.clone(), scene: None };
         write_report(&[run], &folder.report())?;
     }
-    report(&metrics, &result.trained, folder, cpu_seconds);
+    report(&metrics, folder, cpu_seconds);
     Ok(ExitCode::SUCCESS)
 }
 
@@ -75,12 +75,6 @@ fn refuse_scene_options(reading: &SceneArgs, on_gpu: bool) -> Result<()> {
         );
     }
     Ok(())
-}
-
-/// How the dataset of a run was read.
-pub fn options_of_run(checkpoint: &Checkpoint) -> Result<ObjectOptions> {
-    let reading = checkpoint.header.reading.clone();
-    serde_json::from_value(reading).context("the checkpoint does not say how its dataset was read")
 }
 
 /// What is about to happen.
@@ -103,10 +97,10 @@ fn describe(dataset: &ObjectDataset, config: &ObjectsConfig) {
 }
 
 /// The results, for people.
-fn report(metrics: &ObjectsMetrics, trained: &Trained, folder: &RunFolder, cpu_seconds: f64) {
+fn report(metrics: &ObjectsMetrics, folder: &RunFolder, cpu_seconds: f64) {
     println!(
         "trained {} steps in {:.1} s ({cpu_seconds:.1} CPU s), seed {}; {} objects, {} parameters",
-        trained.steps, trained.seconds, metrics.seed, metrics.objects, metrics.parameters
+        metrics.steps, metrics.training_seconds, metrics.seed, metrics.objects, metrics.parameters
     );
     if let Some(best) = metrics.validation {
         println!(

@@ -12,9 +12,9 @@ pub(super) fn configuration(summary: &RunSummary) -> String {
     let settings = &summary.settings;
     let header = &summary.header;
     let mut facts = vec![
-        vec!["method".into(), settings.preset.into()],
-        vec!["supervision".into(), header.method.supervision().to_string()],
-        vec!["seed".into(), header.method.seed().to_string()],
+        vec!["method".into(), settings.preset.clone()],
+        vec!["supervision".into(), header.common.supervision.to_string()],
+        vec!["seed".into(), header.common.seed.to_string()],
         vec!["steps".into(), count(header.step)],
         vec!["data".into(), header.scene.display().to_string()],
     ];

@@ -78,7 +78,7 @@ fn of_objects(list: &mut List, metrics: &ObjectsMetrics) {
         list.add("PSNR", format!("{:.2} dB", best.psnr), "of validation objects, on white");
     }
     list.add("Objects", count(metrics.objects), "trained on");
-    list.add("Steps", count(metrics.steps), "of the best checkpoint");
+    list.add("Steps", count(metrics.steps), "all sessions");
     list.add("Training", seconds(metrics.training_seconds), "wall time, all sessions");
     list.add("Parameters", count(metrics.parameters), "of encoder and decoder");
 }

@@ -2,7 +2,6 @@
 
 use std::time::Instant;
 
-use burn::tensor::Device;
 use dvr_core::mesh::{Mesh, write_mesh};
 use dvr_core::{Ray, Scene, Split, View};
 use dvr_render::extract::Extraction;
@@ -15,7 +14,7 @@ use crate::evaluate::{ShapeEvaluation, evaluate_shape};
 use crate::export::mesh::{MeshOptions, object_mesh, world_mesh};
 use crate::export::preview::preview_sheet;
 use crate::methods::method::Method;
-use crate::methods::trained_model::Model;
+use crate::methods::record::CommonSettings;
 use crate::observer::Observer;
 use crate::resources::Resources;
 use crate::run::folder::RunFolder;
@@ -28,18 +27,22 @@ use dvr_render::{ViewMetrics, view_metrics};
 pub struct RunMetrics {
     /// Name of the scene.
     pub scene: String,
-    /// What taught the shape.
+    /// What the shape was learned from.
     pub supervision: String,
     /// Seed.
     pub seed: u64,
-    /// Optimiser steps of the checkpoint that the results were made from.
+    /// Optimiser steps of the run, all sessions.
     pub steps: usize,
+    /// The step whose model the results were made from: the best where views were validated, else the last.
+    pub model_step: usize,
     /// Numbers that the field consists of.
     pub parameters: usize,
     /// Bytes that they are stored in.
     pub bytes: usize,
     /// Wall seconds of training, warm start included, all sessions.
     pub training_seconds: f64,
+    /// Of these, the seconds until `model_step`.
+    pub model_seconds: f64,
     /// Vertices and faces of the mesh; `None` where there is no surface.
     pub mesh: Option<[usize; 2]>,
     /// The shape against the truth, where the scene has it.
@@ -82,15 +85,16 @@ const PREVIEW: (usize, u32) = (4, 256);
 /// [`RunMetrics::mesh`] is `None`.
 pub fn finish(
     scene: &Scene,
+    method: &dyn Method,
     trained: &Trained,
     folder: &RunFolder,
     options: &MeshOptions,
-    device: &Device,
     observer: &mut dyn Observer,
 ) -> Result<RunMetrics> {
-    let checkpoint = &trained.checkpoint;
-    let method = &checkpoint.header.method;
-    let views = ViewSplit::new(scene, method.hold_out_every())?;
+    let Trained { model, outcome } = trained;
+    let header = &outcome.header;
+    let CommonSettings { seed, supervision, hold_out_every, .. } = header.common;
+    let views = ViewSplit::new(scene, hold_out_every)?;
     let mut warnings = scene.warnings.clone();
     let mut clock = Instant::now();
     let mut finishing_seconds = Vec::new();
@@ -100,14 +104,13 @@ pub fn finish(
     };
 
     observer.phase("mesh, preview and figures", 4);
-    let model = Model::load(checkpoint, device)?;
     let shader = model.shader(SAMPLES);
     let seeds = surface_points(model.thorough_shader().as_ref(), &views.train, SEED_RAYS);
-    let mesh = match object_mesh(&model, options, &seeds, &views.train) {
+    let mesh = match object_mesh(model.as_ref(), options, &seeds, &views.train) {
         Ok(extracted) => {
             warnings.extend(extraction_warnings(&extracted));
             let mesh = extracted.mesh;
-            let world = world_mesh(&mesh, &checkpoint.header.object_to_world);
+            let world = world_mesh(&mesh, &header.object_to_world);
             write_mesh(folder.mesh_ply(), &world)?;
             write_mesh(folder.mesh_glb(), &world)?;
             Some(mesh)
@@ -118,14 +121,14 @@ pub fn finish(
         }
         Err(other) => return Err(other),
     };
-    if let Method::Grid(_) = method {
-        checkpoint.clone().final_model().save(&folder.scene_file())?;
+    if method.is_compact() {
+        outcome.final_model().save(&folder.scene_file())?;
     }
     lap("mesh");
     observer.progress(1, "mesh");
 
-    let judges = judging_views(scene, &views);
-    let shown: Vec<&View> = spread(if judges.is_empty() { &views.train } else { &judges }, PREVIEW.0);
+    let held_out_views = unseen_views(scene, &views);
+    let shown: Vec<&View> = spread(if held_out_views.is_empty() { &views.train } else { &held_out_views }, PREVIEW.0);
     // The sheet shows what the user takes home: the mesh, where there is one.
     let mesh_shader = mesh.as_ref().map(MeshShader::new);
     let taken_home = mesh_shader.as_ref().map_or(shader.as_ref(), |shader| shader as &dyn Shader);
@@ -134,32 +137,34 @@ pub fn finish(
     lap("preview");
     observer.progress(2, "preview");
 
-    let held_out = view_metrics(shader.as_ref(), &judges, HELD_OUT_PIXELS);
-    let held_out_mesh = mesh_shader.as_ref().and_then(|shader| view_metrics(shader, &judges, HELD_OUT_PIXELS));
+    let held_out = view_metrics(shader.as_ref(), &held_out_views, HELD_OUT_PIXELS);
+    let held_out_mesh = mesh_shader.as_ref().and_then(|shader| view_metrics(shader, &held_out_views, HELD_OUT_PIXELS));
     lap("held-out views");
     observer.progress(3, "held-out views");
     let empty = Mesh::default();
-    let shape = evaluate_shape(mesh.as_ref().unwrap_or(&empty), &scene.ground_truth, method.seed())?;
+    let shape = evaluate_shape(mesh.as_ref().unwrap_or(&empty), &scene.ground_truth, seed)?;
     lap("shape against the truth");
     let metrics = RunMetrics {
         scene: scene.name.clone(),
-        supervision: method.supervision().to_string(),
-        seed: method.seed(),
-        steps: checkpoint.header.step,
+        supervision: supervision.to_string(),
+        seed,
+        steps: outcome.steps,
+        model_step: header.step,
         parameters: model.parameters(),
-        bytes: checkpoint.state.model.len(),
-        training_seconds: checkpoint.header.seconds,
+        bytes: outcome.model.len(),
+        training_seconds: outcome.seconds,
+        model_seconds: header.seconds,
         mesh: mesh.map(|mesh| [mesh.vertices.len(), mesh.faces.len()]),
         shape,
         held_out,
         held_out_mesh,
         resources: Resources::now(),
         warnings,
-        notes: checkpoint.header.notes.clone(),
+        notes: header.notes.clone(),
         finishing_seconds,
-        measuring_seconds: trained.measuring_seconds,
+        measuring_seconds: outcome.measuring_seconds,
     };
-    let json = serde_json::to_string_pretty(&metrics).map_err(|e| Error::Config(e.to_string()))?;
+    let json = serde_json::to_string_pretty(&metrics).map_err(|e| Error::NotStored { problem: e.to_string() })?;
     dvr_core::files::write_bytes_atomically(&folder.metrics_json(), json.as_bytes())?;
     observer.progress(4, "figures");
     Ok(metrics)
@@ -178,7 +183,7 @@ pub fn extraction_warnings(extracted: &Extraction) -> Vec<String> {
 }
 
 /// The views that nobody trained on: the test split where there is one, else what was held out for validation.
-pub fn judging_views<'a>(scene: &'a Scene, views: &ViewSplit<'a>) -> Vec<&'a View> {
+pub fn unseen_views<'a>(scene: &'a Scene, views: &ViewSplit<'a>) -> Vec<&'a View> {
     let test: Vec<&View> = scene.views_of(Split::Test).collect();
     if test.is_empty() { views.held_out.clone() } else { test }
 }

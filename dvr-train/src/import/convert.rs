@@ -1,4 +1,4 @@
-//! From a checkpoint of the original to a run of ours.
+//! From a checkpoint of DVR's reference code to a run of ours.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -13,20 +13,23 @@ use dvr_model::{
 };
 
 use crate::config::TrainConfig;
-use crate::error::{Error, Result};
-use crate::import::reference_config::OriginalConfig;
+use crate::error::{CodesError, Error, Result};
+use crate::import::reference_config::ReferenceConfig;
 use crate::learners::adam::adam;
-use crate::learners::learner::module_state;
+use crate::learners::learner::LearnerState;
+use crate::learners::module_state::module_state;
 use crate::methods::method::Method;
-use crate::objects::ObjectsConfig;
-use crate::run::checkpoint::{CHECKPOINT_VERSION, Checkpoint, CheckpointHeader, LearnerState};
+use crate::methods::network::decoder_method;
+use crate::methods::objects::ObjectsMethod;
+use crate::objects::config::ObjectsConfig;
+use crate::run::checkpoint::{CHECKPOINT_VERSION, Checkpoint, CheckpointHeader};
 use dvr_core::Supervision;
 
 /// What an import is told besides the file.
 #[derive(Clone, Debug, Default)]
 pub struct ImportOptions {
-    /// The configuration that the network was trained with; without it, the original's settings for one scene or many.
-    pub config: Option<OriginalConfig>,
+    /// The configuration that the network was trained with; without it, the paper's settings for one scene or many.
+    pub config: Option<ReferenceConfig>,
     /// The scene or dataset that the network was trained on.
     pub scene: Option<ImportedScene>,
     /// Latent codes, a row an object, for a decoder that takes codes and has no encoder.
@@ -46,18 +49,18 @@ pub struct ImportedScene {
 
 impl ImportedScene {
     /// Nothing is known but how it is to be read, should somebody say where it lies.
-    fn unknown(method: &Method, reading: ReadOptions) -> Result<Self> {
+    fn unknown(method: &dyn Method, reading: ReadOptions) -> Result<Self> {
         let visual_hull_depth = reading.visual_hull_depth;
-        let reading = match method {
-            Method::Objects(_) => serde_json::to_value(ObjectOptions { visual_hull_depth, ..ObjectOptions::default() }),
+        let reading = match method.objects() {
+            Some(_) => serde_json::to_value(ObjectOptions { visual_hull_depth, ..ObjectOptions::default() }),
             _ => serde_json::to_value(reading),
         };
-        let reading = reading.map_err(|e| Error::Config(e.to_string()))?;
+        let reading = reading.map_err(|e| Error::NotStored { problem: e.to_string() })?;
         Ok(Self { path: PathBuf::new(), reading, object_to_world: Similarity::default() })
     }
 }
 
-/// The checkpoint of a run that stands where the original's stood: network, Adam's moments and step.
+/// The checkpoint of a run that stands where one of DVR's reference code stood: network, Adam's moments and step.
 ///
 /// What has no place in a run of ours is added to the notes of `found`.
 ///
@@ -72,7 +75,7 @@ pub fn import(found: &mut PytorchCheckpoint, options: ImportOptions, device: &De
         ImportedNetwork::ImageModel(imported) => {
             let Imported { config: model, network, adam } = imported.as_ref();
             if codes.is_some() {
-                return Err(Error::Config("the file has an encoder, which makes the codes: leave --codes away".into()));
+                return Err(CodesError::HasEncoder.into());
             }
             let encoder = with_image_size(model.encoder.clone(), config.as_ref());
             let method = of_objects(config.as_ref(), encoder, model.decoder.clone(), found.learning_rate);
@@ -85,13 +88,8 @@ pub fn import(found: &mut PytorchCheckpoint, options: ImportOptions, device: &De
                     let method = of_scene(config.as_ref(), model.clone(), found.learning_rate);
                     (method, state_of(network, adam.as_ref())?)
                 }
-                (0, Some(_)) => return Err(Error::Config("the decoder takes no codes: leave --codes away".into())),
-                (length, None) => {
-                    return Err(Error::Config(format!(
-                        "the decoder takes codes of length {length}, and the file has no encoder that makes them: give \
-                         the objects' codes with --codes FILE.npz"
-                    )));
-                }
+                (0, Some(_)) => return Err(CodesError::NotTaken.into()),
+                (length, None) => return Err(CodesError::Missing { length }.into()),
                 (length, Some(codes)) => {
                     let encoder = EncoderConfig::Codes { objects: codes.len() };
                     let weight = Param::from_tensor(table(&codes, length, device)?);
@@ -107,10 +105,11 @@ pub fn import(found: &mut PytorchCheckpoint, options: ImportOptions, device: &De
         found.notes.extend(config.notes);
         config.reading
     });
-    let scene = scene.map_or_else(|| ImportedScene::unknown(&method, reading), Ok)?;
+    let scene = scene.map_or_else(|| ImportedScene::unknown(method.as_ref(), reading), Ok)?;
     let header = CheckpointHeader {
         version: CHECKPOINT_VERSION,
-        method,
+        method: method.record()?,
+        common: method.common(),
         step: found.iteration.map_or(0, |last| usize::try_from(last + 1).unwrap_or(0)),
         seconds: 0.0,
         best: None,
@@ -124,28 +123,23 @@ pub fn import(found: &mut PytorchCheckpoint, options: ImportOptions, device: &De
     Ok(Checkpoint { header, state })
 }
 
-/// How training of one scene would go on: as the original's configuration has it.
-fn of_scene(config: Option<&OriginalConfig>, model: DecoderConfig, learning_rate: Option<f64>) -> Method {
-    let base = match config.map(OriginalConfig::method) {
-        Some(Method::Network(train)) => train,
-        _ => TrainConfig::classic(Supervision::Rgb),
-    };
-    Method::Network(going_on(TrainConfig { model, ..base }, learning_rate))
+/// How training of one scene would go on: as the reference code's configuration has it.
+fn of_scene(config: Option<&ReferenceConfig>, model: DecoderConfig, learning_rate: Option<f64>) -> Box<dyn Method> {
+    let base = config.and_then(ReferenceConfig::of_scene).unwrap_or_else(|| TrainConfig::classic(Supervision::Rgb));
+    Box::new(decoder_method("classic", going_on(TrainConfig { model, ..base }, learning_rate)))
 }
 
 /// The same for a model of many objects.
 fn of_objects(
-    config: Option<&OriginalConfig>,
+    config: Option<&ReferenceConfig>,
     encoder: EncoderConfig,
     model: DecoderConfig,
     learning_rate: Option<f64>,
-) -> Method {
-    let base = match config.map(OriginalConfig::method) {
-        Some(Method::Objects(objects)) => objects,
-        _ => ObjectsConfig::classic(Supervision::Rgb),
-    };
+) -> Box<dyn Method> {
+    let base = config.and_then(ReferenceConfig::of_objects);
+    let base = base.unwrap_or_else(|| ObjectsConfig::classic(Supervision::Rgb));
     let train = going_on(TrainConfig { model, ..base.train.clone() }, learning_rate);
-    Method::Objects(ObjectsConfig { encoder, train, ..base })
+    Box::new(ObjectsMethod::classic(ObjectsConfig { encoder, train, ..base }))
 }
 
 /// With the step size that the optimiser had last, and with no last step but the end of the original's sampling
@@ -157,7 +151,7 @@ fn going_on(train: TrainConfig, learning_rate: Option<f64>) -> TrainConfig {
 }
 
 /// The image size is not in the tensors: the configuration's, where there is one.
-fn with_image_size(found: EncoderConfig, config: Option<&OriginalConfig>) -> EncoderConfig {
+fn with_image_size(found: EncoderConfig, config: Option<&ReferenceConfig>) -> EncoderConfig {
     let size = config.and_then(|config| config.encoder.as_ref()?.image_size());
     match (found, size) {
         (EncoderConfig::Resnet18 { .. }, Some(image_size)) => EncoderConfig::Resnet18 { image_size },
@@ -171,13 +165,10 @@ fn with_image_size(found: EncoderConfig, config: Option<&OriginalConfig>) -> Enc
 /// Codes as a tensor `[objects, length]`.
 fn table(codes: &[Vec<f32>], length: usize, device: &Device) -> Result<Tensor<2>> {
     if codes.is_empty() {
-        return Err(Error::Config("there are no codes in --codes".into()));
+        return Err(CodesError::Empty.into());
     }
     if let Some(wrong) = codes.iter().find(|code| code.len() != length) {
-        return Err(Error::Config(format!(
-            "the codes have the length {}, and the decoder takes codes of length {length}",
-            wrong.len()
-        )));
+        return Err(CodesError::Length { found: wrong.len(), expected: length }.into());
     }
     Ok(Tensor::from_data(TensorData::new(codes.concat(), [codes.len(), length]), device))
 }
@@ -259,7 +250,8 @@ mod tests {
     use dvr_model::Decoder;
 
     use super::*;
-    use crate::learners::learner::{restore_module, restore_optimizer};
+    use crate::learners::module_state::{restore_module, restore_optimizer};
+    use crate::methods::overrides::overridden;
 
     /// Every parameter at one value.
     struct Constant(f64);
@@ -288,7 +280,8 @@ mod tests {
     #[test]
     fn training_goes_on_with_the_moments_of_the_file() {
         let checkpoint = import(&mut found(0), ImportOptions::default(), &Device::flex()).unwrap();
-        let Method::Network(config) = &checkpoint.header.method else { panic!("one scene") };
+        let base = TrainConfig::classic(Supervision::Rgb);
+        let config: TrainConfig = overridden(&base, &checkpoint.header.method.config, &[]).unwrap();
         assert_eq!((checkpoint.header.step, config.learning_rate), (10, 0.01));
         let tracking = Device::flex().autodiff();
         let decoder: Decoder = restore_module(&checkpoint.state.model, config.model.init(&tracking)).unwrap();
@@ -309,7 +302,7 @@ mod tests {
         let with = |codes| ImportOptions { codes, ..ImportOptions::default() };
         let codes = vec![vec![0.5, 1.0], vec![2.0, 3.0]];
         let checkpoint = import(&mut found(2), with(Some(codes.clone())), &Device::flex()).unwrap();
-        let Method::Objects(config) = &checkpoint.header.method else { panic!("many objects") };
+        let config = ObjectsConfig::of_record(&checkpoint.header.method).unwrap().expect("many objects");
         assert_eq!(config.encoder, EncoderConfig::Codes { objects: 2 });
         let model = restore_module(&checkpoint.state.model, config.image_model().init(&Device::flex())).unwrap();
         let Encoder::Codes(table) = model.encoder else { panic!("codes") };
@@ -321,6 +314,6 @@ mod tests {
         assert!(refusal(2, None).contains("length 2"));
         assert!(refusal(0, Some(codes.clone())).contains("no codes"));
         assert!(refusal(3, Some(codes)).contains("length 3"));
-        assert!(refusal(2, Some(Vec::new())).contains("no codes in"));
+        assert!(refusal(2, Some(Vec::new())).contains("of codes has none"));
     }
 }

@@ -10,18 +10,20 @@ use serde_json::Value;
 use crate::config::{LossWeights, TrainConfig};
 use crate::error::{Error, Result};
 use crate::methods::method::Method;
-use crate::objects::ObjectsConfig;
+use crate::methods::network::decoder_method;
+use crate::methods::objects::ObjectsMethod;
+use crate::objects::config::ObjectsConfig;
 use dvr_core::Supervision;
 
 /// What a configuration of the original says that has a meaning here.
 #[derive(Clone, Debug, PartialEq)]
-pub struct OriginalConfig {
+pub struct ReferenceConfig {
     /// Network, losses, schedule. `rays` are those of one image.
     pub train: TrainConfig,
     /// What makes the codes; `None` for one scene.
     pub encoder: Option<EncoderConfig>,
     /// Images a step, each of another object where there are many: `training.batch_size`.
-    pub images_a_step: usize,
+    pub images_per_step: usize,
     /// Whether only one view of each object teaches: `data.n_views: 1`.
     pub one_view: bool,
     /// How the scene is to be read.
@@ -59,7 +61,7 @@ const WITHOUT_MEANING: [(&str, &str); 16] = [
     ("rendering.", "`dvr render` has arguments for it"),
 ];
 
-impl OriginalConfig {
+impl ReferenceConfig {
     /// Reads a configuration with all that it inherits; keys that it leaves out have the original's defaults.
     ///
     /// `inherit_from` is taken as the original takes it, from the folder in which its `configs/` lies, wherever that is
@@ -74,39 +76,49 @@ impl OriginalConfig {
     }
 
     /// The method that the configuration describes.
-    pub fn method(&self) -> Method {
-        let train = self.train.clone();
-        match &self.encoder {
-            None => Method::Network(TrainConfig { rays: train.rays * self.images_a_step, ..train }),
-            Some(encoder) => Method::Objects(ObjectsConfig {
-                encoder: encoder.clone(),
-                objects: self.images_a_step,
-                one_view: self.one_view,
-                train,
-                ..ObjectsConfig::classic(self.train.supervision)
-            }),
+    pub fn method(&self) -> Box<dyn Method> {
+        match (self.of_scene(), self.of_objects()) {
+            (_, Some(objects)) => Box::new(ObjectsMethod::classic(objects)),
+            (train, None) => Box::new(decoder_method("classic", train.unwrap_or_else(|| self.train.clone()))),
         }
+    }
+
+    /// The configuration for a single scene, where this is one.
+    pub(crate) fn of_scene(&self) -> Option<TrainConfig> {
+        let train = self.train.clone();
+        self.encoder.is_none().then(|| TrainConfig { rays: train.rays * self.images_per_step, ..train })
+    }
+
+    /// The configuration for a dataset of many objects, where this is one.
+    pub(crate) fn of_objects(&self) -> Option<ObjectsConfig> {
+        self.encoder.as_ref().map(|encoder| ObjectsConfig {
+            encoder: encoder.clone(),
+            objects: self.images_per_step,
+            one_view: self.one_view,
+            train: self.train.clone(),
+            ..ObjectsConfig::classic(self.train.supervision)
+        })
     }
 }
 
 /// Adds what a file says, and before it what it inherits.
 fn inherit(path: &Path, values: &mut BTreeMap<String, Value>, most: usize) -> Result<()> {
-    let refuse = |problem: String, remedy: &str| Error::Run { path: path.to_owned(), problem, remedy: remedy.into() };
+    let refuse = |problem: String| Error::BrokenFile { path: path.to_owned(), problem };
     let text = std::fs::read_to_string(path).map_err(|e| dvr_core::Error::io(path, e))?;
     let value: Value = serde_saphyr::from_str(&text).map_err(|e| {
         let line = e.to_string().lines().next().unwrap_or_default().to_owned();
-        refuse(format!("this is no YAML ({line})"), "Give a configuration of the original.")
+        refuse(format!("this is no YAML ({line})"))
     })?;
     let Value::Object(mut sections) = value else {
-        return Err(refuse("there are no keys in it".into(), "Give a configuration of the original."));
+        return Err(refuse("there are no keys in it".into()));
     };
     match sections.remove("inherit_from") {
         None | Some(Value::Null) => (),
         Some(Value::String(_)) if most == 0 => {
-            return Err(refuse("it inherits from itself".into(), "Correct inherit_from."));
+            return Err(refuse("it inherits from itself".into()));
         }
         Some(Value::String(from)) => inherit(&ancestor(path, &from)?, values, most - 1)?,
-        Some(other) => return Err(refuse(format!("inherit_from is {other}"), "Give the path of a YAML file.")),
+        Some(other) => return Err(refuse(format!("inherit_from is {other}"))),
     }
     flatten("", Value::Object(sections), values);
     Ok(())
@@ -115,10 +127,9 @@ fn inherit(path: &Path, values: &mut BTreeMap<String, Value>, most: usize) -> Re
 /// The file that `from` means in the configuration `path`.
 fn ancestor(path: &Path, from: &str) -> Result<PathBuf> {
     let above = path.ancestors().skip(1).map(|folder| folder.join(from));
-    above.chain([PathBuf::from(from)]).find(|file| file.is_file()).ok_or_else(|| Error::Run {
+    above.chain([PathBuf::from(from)]).find(|file| file.is_file()).ok_or_else(|| Error::BrokenFile {
         path: path.to_owned(),
         problem: format!("it inherits from {from:?}, which lies in no folder above it"),
-        remedy: "Keep the original's folder `configs` together.".into(),
     })
 }
 
@@ -144,7 +155,7 @@ struct Keys {
 }
 
 impl Keys {
-    fn translate(mut self) -> Result<OriginalConfig> {
+    fn translate(mut self) -> Result<ReferenceConfig> {
         if self.text("method", "dvr")?.as_deref() != Some("dvr") {
             return Err(self.refusal("method is not dvr".into()));
         }
@@ -184,7 +195,6 @@ impl Keys {
             validate_every: self.count("training.validate_every", 2000)?,
             checkpoint_every: self.count("training.checkpoint_every", 200)?,
             // The original trains on every view and validates on the same.
-            refine_cameras: 0,
             hold_out_every: 0,
             model: decoder,
             ..base
@@ -195,8 +205,8 @@ impl Keys {
             ..ReadOptions::default()
         };
         let one_view = self.count("data.n_views", 0)? == 1;
-        let images_a_step = self.count("training.batch_size", 64)?;
-        Ok(OriginalConfig { train, encoder, images_a_step, one_view, reading, notes: self.left_over() })
+        let images_per_step = self.count("training.batch_size", 64)?;
+        Ok(ReferenceConfig { train, encoder, images_per_step, one_view, reading, notes: self.left_over() })
     }
 
     /// What makes the codes.
@@ -267,7 +277,7 @@ impl Keys {
     }
 
     fn refusal(&self, problem: String) -> Error {
-        Error::Run { path: self.path.clone(), problem, remedy: "Correct the value, or leave the key out.".into() }
+        Error::BrokenFile { path: self.path.clone(), problem }
     }
 }
 
@@ -287,7 +297,7 @@ mod tests {
 
     fn refusal(text: &str) -> String {
         let folder = folder(&[("a.yaml", text)]);
-        OriginalConfig::read(&folder.path().join("a.yaml")).unwrap_err().to_string()
+        ReferenceConfig::read(&folder.path().join("a.yaml")).unwrap_err().to_string()
     }
 
     #[test]
@@ -298,8 +308,8 @@ mod tests {
         let child = "inherit_from: configs/mvs/base.yaml\nmodel:\n  lambda_depth: 1.\n  decoder_kwargs: {}\n\
                      training:\n  learning_rate: 0.001\n  n_training_points: 512\n";
         let folder = folder(&[("configs/mvs/base.yaml", base), ("configs/mvs/child.yaml", child)]);
-        let config = OriginalConfig::read(&folder.path().join("configs/mvs/child.yaml")).unwrap();
-        assert_eq!((config.encoder, config.images_a_step, config.one_view), (None, 1, false));
+        let config = ReferenceConfig::read(&folder.path().join("configs/mvs/child.yaml")).unwrap();
+        assert_eq!((config.encoder, config.images_per_step, config.one_view), (None, 1, false));
         let train = &config.train;
         assert_eq!((train.rays, train.patch_size, train.learning_rate), (512, 2, 1e-3));
         assert_eq!((train.supervision, train.losses.depth, train.losses.normal), (Supervision::RgbDepth, 1.0, 0.05));
@@ -317,10 +327,10 @@ mod tests {
     #[test]
     fn an_empty_choice_is_the_originals_default() {
         let folder = folder(&[("a.yaml", "method: dvr\n")]);
-        let config = OriginalConfig::read(&folder.path().join("a.yaml")).unwrap();
+        let config = ReferenceConfig::read(&folder.path().join("a.yaml")).unwrap();
         assert_eq!(config.encoder, Some(EncoderConfig::default()));
         assert_eq!((config.train.model.code_dim, config.train.model.hidden, config.train.rays), (256, 512, 1024));
-        assert_eq!((config.images_a_step, config.train.learning_rate), (64, 1e-4));
+        assert_eq!((config.images_per_step, config.train.learning_rate), (64, 1e-4));
         assert!(config.notes.is_empty());
     }
 
@@ -333,6 +343,6 @@ mod tests {
         assert!(refusal("inherit_from: nowhere.yaml\n").contains("nowhere.yaml"));
         assert!(refusal("inherit_from: a.yaml\n").contains("itself"));
         assert!(refusal("method: onet\n").contains("method"));
-        assert!(OriginalConfig::read(Path::new("/nowhere.yaml")).unwrap_err().to_string().contains("nowhere.yaml"));
+        assert!(ReferenceConfig::read(Path::new("/nowhere.yaml")).unwrap_err().to_string().contains("nowhere.yaml"));
     }
 }

@@ -13,7 +13,7 @@ use crate::learners::objective::StepLoss;
 
 /// The devices that share the steps of a training, the first of which holds the parameters; all without autodiff.
 #[derive(Clone, Debug)]
-pub(crate) struct Team {
+pub(crate) struct DataParallel {
     devices: Vec<Device>,
 }
 
@@ -23,15 +23,15 @@ pub(crate) struct Part<T> {
     pub work: T,
 }
 
-impl Team {
-    /// A device that works alone.
-    pub fn alone(device: Device) -> Self {
+impl DataParallel {
+    /// One device.
+    pub fn one(device: Device) -> Self {
         Self { devices: vec![device] }
     }
 
-    /// Takes others in.
-    pub fn with(mut self, helpers: impl IntoIterator<Item = Device>) -> Self {
-        self.devices.extend(helpers);
+    /// Adds devices.
+    pub fn with(mut self, others: impl IntoIterator<Item = Device>) -> Self {
+        self.devices.extend(others);
         self
     }
 

@@ -2,76 +2,20 @@
 
 use burn::module::Module;
 use burn::optim::ModuleOptimizer;
-use burn::tensor::{Device, Tensor};
+use burn::tensor::Device;
 use dvr_core::{Ray, UnitCube, ViewSplit};
-use dvr_render::{Crossing, Rays, SkipGrid, is_gpu};
+use dvr_render::{Crossing, Rays, SkipGrid};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use crate::config::TrainConfig;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::learners::adam::adam;
 use crate::learners::batch::{PixelBatch, Pixels};
-use crate::learners::data_parallel::{Part, Team, shares};
-use crate::learners::objective::{StepLoss, StepNoise, sparse_depth_loss, step_loss};
+use crate::learners::data_parallel::{DataParallel, Part, shares};
+use crate::learners::objective::{StepNoise, sparse_depth_loss, step_loss};
 use crate::learners::sparse::SparseTargets;
-
-/// What a step did, for logging.
-#[derive(Clone, Debug)]
-pub struct StepReport {
-    /// The step, counted from 1.
-    pub step: usize,
-    /// The loss. On a GPU it is read back in every tenth step, and is that of the last of these otherwise.
-    pub loss: f64,
-    /// Name and weighted value of each term, of the same step as `loss`.
-    pub terms: Vec<(&'static str, f64)>,
-    /// Intersection over union of mask and hits in this batch.
-    pub mask_iou: f64,
-    /// Adam's step size.
-    pub learning_rate: f64,
-    /// Samples on a ray.
-    pub samples: usize,
-}
-
-impl StepReport {
-    /// Of a step whose loss is known, after so many steps; `last` is the report of the step before.
-    ///
-    /// # Errors
-    /// When the loss is not finite.
-    pub(crate) fn of(loss: &StepLoss, config: &TrainConfig, steps_done: usize, last: Option<&Self>) -> Result<Self> {
-        let step = steps_done + 1;
-        let (value, terms) = match last {
-            Some(last) if is_gpu(&loss.total.device()) && !step.is_multiple_of(READ_EVERY) && step != config.steps => {
-                (last.loss, last.terms.clone())
-            }
-            _ => read_losses(loss),
-        };
-        if !value.is_finite() {
-            return Err(Error::Diverged { step, value });
-        }
-        Ok(Self {
-            step,
-            loss: value,
-            terms,
-            mask_iou: loss.mask_iou,
-            learning_rate: config.learning_rate_at(steps_done),
-            samples: config.samples_at(steps_done),
-        })
-    }
-}
-
-/// On a GPU, the loss is read back once in so many steps: reading it makes the program wait for the device. The rows of
-/// `metrics.csv` are as far apart.
-pub(crate) const READ_EVERY: usize = 10;
-
-/// The loss and its terms, read back together.
-fn read_losses(loss: &StepLoss) -> (f64, Vec<(&'static str, f64)>) {
-    let terms = loss.terms.iter().map(|(_, term)| term);
-    let all: Vec<_> = std::iter::once(&loss.total).chain(terms).cloned().collect();
-    let mut values = Tensor::cat(all, 0).into_data().iter::<f64>().collect::<Vec<_>>().into_iter();
-    let total = values.next().unwrap_or(f64::NAN);
-    (total, loss.terms.iter().map(|(name, _)| *name).zip(values).collect())
-}
+use crate::learners::step_report::StepReport;
 
 /// What a step looks at.
 struct Work {
@@ -98,7 +42,7 @@ impl Work {
 pub struct Trainer<'a, F> {
     config: TrainConfig,
     views: ViewSplit<'a>,
-    team: Team,
+    devices: DataParallel,
     bound: Option<SkipGrid>,
     sparse: SparseTargets,
     field: F,
@@ -118,14 +62,14 @@ impl<'a, F: Crossing + Module> Trainer<'a, F> {
     /// Takes a field on `device.autodiff()`; `device` itself is without autodiff.
     pub fn new(field: F, views: ViewSplit<'a>, config: TrainConfig, device: Device) -> Self {
         let sparse = SparseTargets::default();
-        let team = Team::alone(device);
-        Self { config, views, team, bound: None, sparse, field, optimizer: adam(), step: 0, last: None }
+        let devices = DataParallel::one(device);
+        Self { config, views, devices, bound: None, sparse, field, optimizer: adam(), step: 0, last: None }
     }
 
     /// Shares each step with other devices, which are without autodiff too: every one takes as many of its rays.
     #[must_use]
-    pub fn with_helpers(self, helpers: impl IntoIterator<Item = Device>) -> Self {
-        Self { team: self.team.with(helpers), ..self }
+    pub fn data_parallel(self, devices: impl IntoIterator<Item = Device>) -> Self {
+        Self { devices: self.devices.with(devices), ..self }
     }
 
     /// Searches rays only where the object can be (see [`PixelBatch::of_pixels`]).
@@ -177,7 +121,7 @@ impl<'a, F: Crossing + Module> Trainer<'a, F> {
         let mut rng = step_rng(config.seed, self.step as u64 + 1);
         let mut work = self.draw(&mut rng);
         let (rays, patch) = (work.pixels.len(), config.sampling().patch_pixels());
-        let parts = shares(rays / patch, self.team.len()).map(|patches| {
+        let parts = shares(rays / patch, self.devices.len()).map(|patches| {
             let count = patches.len() * patch;
             Part { weight: count as f64 / rays as f64, work: work.take_first(count) }
         });
@@ -195,7 +139,7 @@ impl<'a, F: Crossing + Module> Trainer<'a, F> {
             }
             loss
         };
-        let (loss, gradients) = self.team.learn(&self.field, parts.collect(), learn);
+        let (loss, gradients) = self.devices.learn(&self.field, parts.collect(), learn);
 
         let report = StepReport::of(&loss, config, self.step, self.last.as_ref())?;
         if let Some(gradients) = gradients {

@@ -1,159 +1,190 @@
-//! The ways to reconstruct a scene, or to learn from many, each with its configuration.
+//! What a way to reconstruct is: everything that determines its runs, besides the scene and the device.
 
-use serde::{Deserialize, Serialize};
+use std::fmt::Debug;
+use std::ops::RangeInclusive;
+use std::sync::atomic::AtomicBool;
 
-use crate::config::TrainConfig;
-use crate::error::{Error, Result};
-use crate::objects::ObjectsConfig;
-use dvr_core::Supervision;
+use burn::tensor::Device;
+use dvr_core::{Scene, Supervision, ViewSplit};
 use dvr_grid::GridConfig;
+use serde_json::Value;
 
-/// A method and everything that determines its run, besides the scene and the backend.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Method {
-    /// A field on grids, trained in seconds.
-    Grid(GridConfig),
-    /// The publication's network.
-    Network(TrainConfig),
-    /// One network for many objects, each given by a picture.
-    Objects(ObjectsConfig),
-}
+use crate::error::{Error, Result};
+use crate::learners::learner::Learner;
+use crate::methods::record::{CommonSettings, MethodRecord};
+use crate::methods::trained_model::TrainedModel;
+use crate::objects::config::ObjectsConfig;
+use crate::observer::Observer;
+use crate::run::best::Best;
 
-impl Method {
-    /// Which measurements teach the shape.
-    pub fn supervision(&self) -> Supervision {
-        match self {
-            Self::Grid(config) => config.supervision,
-            Self::Network(config) => config.supervision,
-            Self::Objects(config) => config.train.supervision,
-        }
-    }
+/// A configured method. [`crate::train`] takes it through a whole run; `dvr_train::methods` lists those that are known
+/// by name, and any other works as well (see [`crate::FieldMethod`]).
+pub trait Method: Debug + Send + Sync {
+    /// Its name, which checkpoints carry.
+    fn name(&self) -> &str;
 
-    /// Seed of all random choices.
-    pub fn seed(&self) -> u64 {
-        match self {
-            Self::Grid(config) => config.seed,
-            Self::Network(config) => config.seed,
-            Self::Objects(config) => config.train.seed,
-        }
-    }
-
-    /// One view in so many is held out, where the dataset does not say.
-    pub fn hold_out_every(&self) -> usize {
-        match self {
-            Self::Grid(config) => config.hold_out_every,
-            Self::Network(config) => config.hold_out_every,
-            Self::Objects(config) => config.train.hold_out_every,
-        }
-    }
-
-    /// Rounds in which cameras are refined before training.
-    pub fn refine_cameras(&self) -> usize {
-        match self {
-            Self::Grid(config) => config.refine_cameras,
-            Self::Network(config) => config.refine_cameras,
-            Self::Objects(_) => 0,
-        }
-    }
-
-    /// Weight of the loss against depth maps.
-    pub fn depth_weight(&self) -> f64 {
-        match self {
-            Self::Grid(config) => config.losses.depth,
-            Self::Network(config) => config.losses.depth,
-            Self::Objects(config) => config.train.losses.depth,
-        }
-    }
-
-    /// The same method with another seed, or other numbers of steps.
-    #[must_use]
-    pub fn with(mut self, seed: Option<u64>, steps: Option<usize>) -> Self {
-        let (own_seed, own_steps) = match &mut self {
-            Self::Grid(config) => (&mut config.seed, &mut config.steps),
-            Self::Network(config) => (&mut config.seed, &mut config.steps),
-            Self::Objects(config) => (&mut config.train.seed, &mut config.train.steps),
-        };
-        *own_seed = seed.unwrap_or(*own_seed);
-        *own_steps = steps.unwrap_or(*own_steps);
-        self
-    }
-
-    /// This configuration with some of its values replaced by those of a JSON object, nested like the configuration.
+    /// The configuration as JSON.
     ///
     /// # Errors
-    /// Names the first key that does not exist, or the value that has the wrong type or is out of range.
-    pub fn overridden(&self, overrides: &serde_json::Value) -> Result<Self> {
-        let method = match self {
-            Self::Grid(config) => Self::Grid(overridden(config, overrides)?),
-            Self::Network(config) => Self::Network(overridden(config, overrides)?),
-            Self::Objects(config) => Self::Objects(overridden(config, overrides)?),
-        };
-        method.check()?;
-        Ok(method)
-    }
+    /// When it has values that JSON cannot express.
+    fn config(&self) -> Result<Value>;
+
+    /// The settings that every method has.
+    fn common(&self) -> CommonSettings;
+
+    /// The same method with some values replaced by those of a JSON object, nested like the configuration. The result
+    /// is not checked.
+    ///
+    /// # Errors
+    /// Names the first key that does not exist, or the value that has the wrong type.
+    fn with_overrides(&self, overrides: &Value) -> Result<Box<dyn Method>>;
 
     /// Checks that the values make sense together.
     ///
     /// # Errors
     /// Names the key, the value and the range.
-    pub fn check(&self) -> Result<()> {
-        match self {
-            Self::Grid(config) => config.check().map_err(Error::from),
-            Self::Network(config) => config.check(),
-            Self::Objects(config) => return config.check(),
-        }?;
-        if self.supervision() == Supervision::Occupancy {
-            return Err(Error::Config(
-                "supervision occupancy is for datasets of many objects; a single scene takes rgb, depth or rgb+depth"
-                    .into(),
-            ));
+    fn check(&self) -> Result<()>;
+
+    /// How often a run validates and stores.
+    fn schedule(&self) -> Schedule;
+
+    /// What the scene has to have.
+    fn needs(&self) -> Needs {
+        Needs::default()
+    }
+
+    /// A learner that stands at the start of training.
+    ///
+    /// # Errors
+    /// When the method cannot learn from this scene, or not on these devices.
+    fn start<'a>(&self, start: Start<'a, '_>) -> Result<Box<dyn Learner + 'a>>;
+
+    /// The model that a learner of this method stored.
+    ///
+    /// # Errors
+    /// When the bytes are damaged or do not fit the configuration.
+    fn load(&self, model: &[u8], device: &Device) -> Result<Box<dyn TrainedModel>>;
+
+    /// What computes it.
+    fn hardware(&self) -> Hardware {
+        Hardware::Tensors
+    }
+
+    /// Whether the stored model is worth a file of its own: compact, and whole without the checkpoint.
+    fn is_compact(&self) -> bool {
+        false
+    }
+
+    /// The fewest rays that a step can have, and those that it has: what may be lowered to take less memory.
+    fn rays(&self) -> Option<RangeInclusive<usize>> {
+        None
+    }
+
+    /// Bytes of GPU memory that a step takes at most, about, with so many rays (see [`Method::rays`]). 0 where that is
+    /// not known before the scene is.
+    fn memory_estimate(&self, rays: Option<usize>) -> u64 {
+        let _ = rays;
+        0
+    }
+
+    /// How the coarse field is trained with which cameras are refined.
+    fn camera_refinement(&self) -> GridConfig {
+        let CommonSettings { supervision, seed, hold_out_every, .. } = self.common();
+        GridConfig { seed, hold_out_every, ..GridConfig::new(supervision) }
+    }
+
+    /// The configuration for a dataset of many objects, where this is the method for such.
+    fn objects(&self) -> Option<&ObjectsConfig> {
+        None
+    }
+}
+
+impl dyn Method + '_ {
+    /// As checkpoints keep it.
+    ///
+    /// # Errors
+    /// As [`Method::config`].
+    pub fn record(&self) -> Result<MethodRecord> {
+        Ok(MethodRecord { method: self.name().to_owned(), config: self.config()? })
+    }
+
+    /// The same method with some values replaced, checked; see [`Method::with_overrides`].
+    ///
+    /// # Errors
+    /// Names the first key that does not exist, or the value that has the wrong type or is out of range.
+    pub fn overridden(&self, overrides: &Value) -> Result<Box<dyn Method>> {
+        let method = self.with_overrides(overrides)?;
+        method.check()?;
+        Ok(method)
+    }
+
+    /// Checks that the scene has what the method learns from.
+    ///
+    /// # Errors
+    /// Says what is missing.
+    pub fn check_scene(&self, scene: &Scene) -> Result<()> {
+        let Needs { depth, sparse_points } = self.needs();
+        let supervision = self.common().supervision;
+        if depth && !scene.views_of(dvr_core::Split::Train).any(|view| view.depth.is_some()) {
+            return Err(Error::NeedsDepth { supervision, scene: scene.name.clone() });
+        }
+        if sparse_points && scene.sparse_points.is_none() {
+            return Err(Error::NeedsSparsePoints { scene: scene.name.clone() });
         }
         Ok(())
     }
-
-    /// The configuration as JSON, for people and for `--config`.
-    pub fn to_json(&self) -> Result<String> {
-        match self {
-            Self::Grid(config) => serde_json::to_string_pretty(config),
-            Self::Network(config) => serde_json::to_string_pretty(config),
-            Self::Objects(config) => serde_json::to_string_pretty(config),
-        }
-        .map_err(|e| Error::Config(e.to_string()))
-    }
 }
 
-/// A configuration with some values replaced.
-pub(crate) fn overridden<T: Serialize + for<'de> Deserialize<'de>>(
-    config: &T,
-    overrides: &serde_json::Value,
-) -> Result<T> {
-    let fail = |e: serde_json::Error| Error::Config(e.to_string());
-    let mut value = serde_json::to_value(config).map_err(fail)?;
-    overlay(&mut value, overrides, "")?;
-    serde_json::from_value(value).map_err(fail)
+/// What a learner starts from.
+pub struct Start<'a, 'o> {
+    /// The scene.
+    pub scene: &'a Scene,
+    /// Its views, divided.
+    pub views: ViewSplit<'a>,
+    /// The device that holds the parameters, without autodiff.
+    pub device: Device,
+    /// Devices that share each step with it, without autodiff too.
+    pub data_parallel: Vec<Device>,
+    /// Whether the parameters will come from a checkpoint.
+    pub is_resumed: bool,
+    /// Set from outside to stop early.
+    pub interrupted: &'o AtomicBool,
+    /// Hears how long it takes.
+    pub observer: &'o mut dyn Observer,
 }
 
-/// Lays the values of `over` on `base`; objects are merged key by key, anything else is replaced.
-fn overlay(base: &mut serde_json::Value, over: &serde_json::Value, path: &str) -> Result<()> {
-    let (Some(fields), Some(over)) = (base.as_object_mut(), over.as_object()) else {
-        *base = over.clone();
-        return Ok(());
-    };
-    // An enum is replaced whole, since its fields depend on its variant: `slope` by its tag, `capacity` by its only
-    // key.
-    let is_other_variant = fields.len() == 1 && over.len() == 1 && !over.keys().any(|key| fields.contains_key(key));
-    if over.contains_key("kind") || is_other_variant {
-        *base = serde_json::Value::Object(over.clone());
-        return Ok(());
-    }
-    for (key, value) in over {
-        let path = if path.is_empty() { key.clone() } else { format!("{path}.{key}") };
-        let names = fields.keys().cloned().collect::<Vec<_>>().join(", ");
-        match fields.get_mut(key) {
-            None => return Err(Error::Config(format!("unknown key `{path}`; there are: {names}"))),
-            Some(inner) => overlay(inner, value, &path)?,
-        }
-    }
-    Ok(())
+/// How often a run looks up.
+#[derive(Clone, Copy, Debug)]
+pub struct Schedule {
+    /// Steps between validations.
+    pub validate_every: usize,
+    /// Steps between checkpoints.
+    pub checkpoint_every: usize,
+    /// The figure by which the best step is chosen to stand for the run; without one, the last step does.
+    pub best: Option<fn(&Best) -> f64>,
+}
+
+/// What a scene has to have.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Needs {
+    /// Depth maps of training views.
+    pub depth: bool,
+    /// Sparse points.
+    pub sparse_points: bool,
+}
+
+/// What computes a method.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Hardware {
+    /// Tensors, on any device of burn.
+    Tensors,
+    /// Its own code, on the CPU or a GPU: other CPU backends change nothing.
+    OwnKernels,
+    /// Its own code, on the CPU; a GPU can still render the result.
+    Cpu,
+}
+
+/// Refuses supervision by occupancy samples, which only datasets of many objects have.
+pub(crate) fn check_scene_supervision(supervision: Supervision) -> Result<()> {
+    if supervision == Supervision::Occupancy { Err(Error::SceneOccupancy) } else { Ok(()) }
 }

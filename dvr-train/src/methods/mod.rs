@@ -1,5 +1,112 @@
-//! The ways to reconstruct a scene, or to learn from many.
+//! The ways to reconstruct a scene, or to learn from many: the list of those that are known by name.
+//!
+//! A new one is a file beside these, with a function that makes it, and a line in [`METHODS`]. One that is not in the
+//! list works as well, but for checkpoints that are to be opened by name.
 
+pub(crate) mod classic;
+pub(crate) mod field_method;
+mod field_model;
+pub(crate) mod grid;
+mod grid_model;
+pub(crate) mod hull;
 pub(crate) mod memory_estimate;
 pub(crate) mod method;
+pub(crate) mod network;
+pub(crate) mod object_model;
+pub(crate) mod objects;
+pub(crate) mod overrides;
+pub(crate) mod record;
 pub(crate) mod trained_model;
+
+use burn::tensor::Device;
+use dvr_core::Supervision;
+
+use crate::error::{Error, Result};
+use crate::run::checkpoint::Checkpoint;
+use method::Method;
+use record::MethodRecord;
+use trained_model::TrainedModel;
+
+/// A method that is known by name.
+pub struct MethodEntry {
+    /// Its name.
+    pub name: &'static str,
+    /// What it is, for people.
+    pub about: &'static str,
+    /// Whether it learns from a dataset of many objects rather than from one scene.
+    pub learns_objects: bool,
+    /// Makes it with its defaults.
+    pub new: fn(Supervision) -> Box<dyn Method>,
+}
+
+/// All methods. The first of each kind is the default.
+#[rustfmt::skip]
+pub static METHODS: &[MethodEntry] = &[
+    scene("grid", "a multi-resolution voxel grid: seconds", |s| Box::new(grid::grid(s))),
+    scene("network", "DVR's network, started from the visual hull: minutes", |s| Box::new(network::network(s))),
+    scene("classic", "DVR's network with the paper's settings: minutes for 600 steps (the paper: 300 000)", |s| Box::new(classic::classic(s))),
+    scene("hull", "the visual hull of the masks, coloured by the photographs: no training", |s| Box::new(hull::hull(s))),
+    dataset("objects", "one network for many objects, of a size for a few cores: an hour", |s| Box::new(objects::objects(s))),
+    dataset("objects-classic", "the same with the paper's settings: months without a GPU", |s| Box::new(objects::objects_classic(s))),
+];
+
+const fn scene(name: &'static str, about: &'static str, new: fn(Supervision) -> Box<dyn Method>) -> MethodEntry {
+    MethodEntry { name, about, learns_objects: false, new }
+}
+
+const fn dataset(name: &'static str, about: &'static str, new: fn(Supervision) -> Box<dyn Method>) -> MethodEntry {
+    MethodEntry { name, about, learns_objects: true, new }
+}
+
+/// The method of a name, with its defaults.
+///
+/// # Errors
+/// Names the methods that there are.
+pub fn method_by_name(name: &str, supervision: Supervision) -> Result<Box<dyn Method>> {
+    let entry = METHODS.iter().find(|entry| entry.name == name);
+    let entry = entry.ok_or_else(|| Error::UnknownMethod {
+        name: name.to_owned(),
+        known: METHODS.iter().map(|entry| entry.name).collect(),
+    })?;
+    Ok((entry.new)(supervision))
+}
+
+/// The method that a checkpoint names, with its configuration.
+///
+/// # Errors
+/// When there is no method of that name, or it does not take the configuration.
+pub fn method_of(record: &MethodRecord) -> Result<Box<dyn Method>> {
+    method_by_name(&record.method, Supervision::default())?.with_overrides(&record.config)
+}
+
+/// The field that a checkpoint holds.
+///
+/// # Errors
+/// When the method is not known by name, or its model is damaged.
+pub fn load_model(checkpoint: &Checkpoint, device: &Device) -> Result<Box<dyn TrainedModel>> {
+    method_of(&checkpoint.header.method)?.load(&checkpoint.state.model, device)
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    #[test]
+    fn every_method_is_found_by_its_name_and_survives_a_record() {
+        for entry in METHODS {
+            for supervision in [Supervision::Rgb, Supervision::RgbDepth] {
+                let method = (entry.new)(supervision);
+                assert_eq!((method.name(), method.objects().is_some()), (entry.name, entry.learns_objects));
+                method.check().unwrap();
+                let record = method.overridden(&json!({"seed": 7, "steps": 3})).unwrap().record().unwrap();
+                let again = method_of(&record).unwrap();
+                assert_eq!(again.record().unwrap(), record);
+                assert_eq!((again.common().seed, again.common().steps), (7, 3));
+            }
+        }
+        let unknown = method_by_name("nerf", Supervision::Rgb).unwrap_err();
+        assert!(unknown.to_string().contains("grid"), "{unknown}");
+    }
+}

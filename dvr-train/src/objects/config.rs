@@ -4,16 +4,21 @@ use std::path::PathBuf;
 
 use dvr_model::{DecoderConfig, EncoderConfig, ImageModelConfig};
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
 use crate::config::{HullUse, MarchStage, TrainConfig};
 use crate::error::{Error, Result};
+use crate::methods::overrides::{overridden, visible};
+use crate::methods::record::MethodRecord;
 use dvr_core::Supervision;
+
+/// What a single scene's training has, and that of objects has not.
+const HIDDEN: &[&str] = &["hold_out_every", "hull.warm_start_steps", "hull.warm_start_points", "hull.bound_rays"];
 
 /// Everything that determines a run over many objects, besides the dataset and the backend.
 ///
-/// In JSON the keys of [`TrainConfig`] stand beside the others. Of these, `rays` counts the rays of one object in a
-/// step, and of `hull` only `resolution` has a meaning, `refine_cameras` and `hold_out_every` none: what is held out are
-/// objects.
+/// In JSON the keys of [`TrainConfig`] stand beside the others, but for `hold_out_every` (what is held out are objects)
+/// and all of `hull` but its `resolution`. `rays` counts the rays of one object in a step.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ObjectsConfig {
     /// What makes the latent code of an object.
@@ -102,6 +107,28 @@ impl ObjectsConfig {
         }
     }
 
+    /// The configuration as JSON, without what means nothing here.
+    pub(crate) fn to_value(&self) -> Result<Value> {
+        visible(self, HIDDEN)
+    }
+
+    /// The same configuration with some values replaced.
+    ///
+    /// # Errors
+    /// Names the first key that does not exist, or the value that has the wrong type.
+    pub(crate) fn overridden(&self, overrides: &Value) -> Result<Self> {
+        overridden(self, overrides, HIDDEN)
+    }
+
+    /// The configuration that a checkpoint holds; `None` where its method learns from a single scene.
+    ///
+    /// # Errors
+    /// When the record holds another version's configuration.
+    pub fn of_record(record: &MethodRecord) -> Result<Option<Self>> {
+        let is_of_objects = record.config.get("encoder").is_some();
+        is_of_objects.then(|| Self::new(Supervision::default()).overridden(&record.config)).transpose()
+    }
+
     /// Whether visual hulls stand for depth maps.
     pub(crate) fn uses_hulls(&self) -> bool {
         self.train.supervision == Supervision::Rgb && !self.one_view && self.hull_depth > 0.0
@@ -134,20 +161,24 @@ impl ObjectsConfig {
         self.image_model().check().map_err(|wrong| {
             // Here the decoder is called `model`, as in the configuration of a single scene.
             let key = wrong.key.replace("decoder.", "model.");
-            Error::Config(format!("`{key}` is {}, it must be {}", wrong.value, wrong.range))
+            Error::OutOfRange { key, value: wrong.value.to_string(), range: wrong.range.into() }
         })?;
         if !(self.hull_depth >= 0.0 && self.hull_depth.is_finite()) {
-            return Err(Error::Config(format!("`hull_depth` is {}, it must be at least 0", self.hull_depth)));
+            return Err(out_of_range("hull_depth", self.hull_depth, "at least 0"));
         }
         let counts = [("objects", self.objects), ("views", self.views), ("points", self.points)];
         if let Some((key, _)) = counts.iter().find(|(_, count)| *count == 0) {
-            return Err(Error::Config(format!("`{key}` is 0, it must be at least 1")));
+            return Err(out_of_range(key, 0, "at least 1"));
         }
         if self.one_view && self.views > 1 {
-            return Err(Error::Config(format!("`views` is {}, with `one_view` it must be 1", self.views)));
+            return Err(out_of_range("views", self.views, "1 with `one_view`"));
         }
         Ok(())
     }
+}
+
+fn out_of_range(key: &str, value: impl ToString, range: &str) -> Error {
+    Error::OutOfRange { key: key.into(), value: value.to_string(), range: range.into() }
 }
 
 fn no_hull(base: &TrainConfig) -> HullUse {
@@ -159,23 +190,23 @@ mod tests {
     use serde_json::json;
 
     use super::*;
-    use crate::methods::method::Method;
 
     #[test]
     fn a_configuration_survives_a_round_trip_and_its_keys_stand_side_by_side() {
         for config in [ObjectsConfig::new(Supervision::Rgb), ObjectsConfig::classic(Supervision::Depth)] {
             config.check().unwrap();
-            let value = serde_json::to_value(&config).unwrap();
+            let value = config.to_value().unwrap();
             assert!(value.get("rays").is_some() && value.get("encoder").is_some());
-            assert_eq!(serde_json::from_value::<ObjectsConfig>(value).unwrap(), config);
+            assert!(value.get("hold_out_every").is_none() && value["hull"].get("bound_rays").is_none());
+            assert_eq!(ObjectsConfig::new(Supervision::Rgb).overridden(&value).unwrap(), config);
         }
     }
 
     #[test]
     fn overrides_reach_both_parts_and_nonsense_is_named() {
-        let method = Method::Objects(ObjectsConfig::new(Supervision::Rgb));
+        let base = ObjectsConfig::new(Supervision::Rgb);
         let changes = json!({"losses": {"normal": 0.2}, "encoder": {"kind": "codes"}, "objects": 3});
-        let Method::Objects(config) = method.overridden(&changes).unwrap() else { panic!("another method") };
+        let config = base.overridden(&changes).unwrap();
         assert_eq!((config.train.losses.normal, config.objects), (0.2, 3));
         assert_eq!(config.encoder, EncoderConfig::Codes { objects: 0 });
         for (wrong, named) in [
@@ -185,7 +216,8 @@ mod tests {
             (json!({"model": {"code_dim": 0}}), "model.code_dim"),
             (json!({"encoder": {"kind": "transformer"}}), "transformer"),
         ] {
-            let message = method.overridden(&wrong).unwrap_err().to_string();
+            let refused = base.overridden(&wrong).and_then(|config| config.check());
+            let message = refused.unwrap_err().to_string();
             assert!(message.contains(named), "{message}");
         }
     }

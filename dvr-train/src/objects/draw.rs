@@ -213,10 +213,10 @@ impl BatchDrawer {
             row = rng.random_range(0..self.objects.len());
         }
         let reason = last.map_or(String::new(), |problem: Error| problem.to_string());
-        Err(Error::Run {
-            path: self.dataset.root().to_owned(),
-            problem: format!("{TRIES} objects in a row cannot be used; the last: {}", reason.trim_end_matches('.')),
-            remedy: "Check the dataset: one of its objects can be looked at with `dvr info`.".into(),
+        Err(Error::BrokenObjects {
+            dataset: self.dataset.root().to_owned(),
+            tries: TRIES,
+            last: reason.trim_end_matches('.').to_owned(),
         })
     }
 

@@ -63,10 +63,9 @@ impl MeanShapes {
             progress(done + 1);
         }
         if tallies.is_empty() {
-            return Err(Error::Run {
-                path: dataset.root().to_owned(),
-                problem: "no training object has a points.npz to take the mean of".into(),
-                remedy: "`dvr synth` writes them.".into(),
+            return Err(Error::NothingToCompare {
+                dataset: dataset.root().to_owned(),
+                what: "occupancy points (points.npz) to take the mean of",
             });
         }
         let categories = tallies.into_iter().map(|(category, sums)| (category, sums.mean())).collect();
@@ -78,9 +77,8 @@ impl MeanShapes {
     /// # Errors
     /// When no training object of it has occupancies.
     pub fn of(&self, category: &str, extraction: &ExtractSettings) -> Result<Mesh> {
-        let mean = self.categories.get(category).ok_or_else(|| {
-            Error::Config(format!("category {category} has no training object with points.npz to take the mean of"))
-        })?;
+        let mean =
+            self.categories.get(category).ok_or_else(|| Error::UnknownCategory { category: category.to_owned() })?;
         let logits = |points: &[Vec3]| points.iter().map(|&point| mean.at(point)).collect();
         // The level set of a coarse grid needs no refinement of its own.
         let extraction = ExtractSettings { upsampling_steps: 0, ..extraction.clone() };

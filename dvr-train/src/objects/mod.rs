@@ -1,12 +1,12 @@
 //! One model for many objects: a picture in, a shape out (DVR, section 4.2; Mescheder et al. 2019, Occupancy Networks).
 
-mod config;
+pub(crate) mod config;
 mod draw;
 mod evaluate;
 mod hulls;
 mod loader;
 mod mean_shape;
-mod model;
+pub(crate) mod model;
 mod nearest_picture;
 pub(crate) mod predict;
 mod results;

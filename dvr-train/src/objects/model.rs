@@ -10,8 +10,7 @@ use image::RgbImage;
 
 use super::config::ObjectsConfig;
 use crate::error::{Error, Result};
-use crate::learners::learner::restore_module;
-use crate::methods::method::Method;
+use crate::learners::module_state::restore_module;
 use crate::run::checkpoint::Checkpoint;
 
 /// Cells along an edge of the grid that lets rendering skip empty space.
@@ -30,13 +29,17 @@ impl ObjectModel {
     /// # Errors
     /// When it is that of a single scene, or its parameters are damaged.
     pub fn load(checkpoint: &Checkpoint, device: &Device) -> Result<Self> {
-        let Method::Objects(config) = &checkpoint.header.method else {
-            return Err(Error::Config(
-                "this run reconstructed one scene, and takes no pictures: train on a dataset of objects first".into(),
-            ));
-        };
-        let model = restore_module(&checkpoint.state.model, config.image_model().init(device))?.valid();
-        Ok(Self { config: config.clone(), model })
+        let config = ObjectsConfig::of_record(&checkpoint.header.method)?.ok_or(Error::OneScene)?;
+        Self::from_bytes(config, &checkpoint.state.model, device)
+    }
+
+    /// The model of a configuration, as its learner stores it.
+    ///
+    /// # Errors
+    /// When its parameters are damaged.
+    pub(crate) fn from_bytes(config: ObjectsConfig, model: &[u8], device: &Device) -> Result<Self> {
+        let model = restore_module(model, config.image_model().init(device))?.valid();
+        Ok(Self { config, model })
     }
 
     /// The configuration.
@@ -59,12 +62,7 @@ impl ObjectModel {
     /// # Errors
     /// When the model takes none.
     pub fn picture_size(&self) -> Result<usize> {
-        self.image_size().ok_or_else(|| {
-            Error::Config(
-                "the run knows objects by learned codes and takes no pictures: `dvr mesh RUN --object N` shows them"
-                    .into(),
-            )
-        })
+        self.image_size().ok_or(Error::TakesNoPictures)
     }
 
     /// The field of the object in a picture as [`dvr_core::dataset::input_picture`] makes them.

@@ -49,11 +49,7 @@ impl NearestPicture {
             }
         }
         if pictures.is_empty() {
-            return Err(Error::Run {
-                path: dataset.root().to_owned(),
-                problem: "no training object has pictures to compare with".into(),
-                remedy: "Name training objects in `train.lst`.".into(),
-            });
+            return Err(nothing_to_compare(dataset));
         }
         Ok(Self { owner, pictures })
     }
@@ -68,6 +64,10 @@ impl NearestPicture {
             picture.iter().zip(other).map(|(&a, &b)| u64::from(a.abs_diff(b)).pow(2)).sum()
         };
         let nearest = (0..self.pictures.len()).min_by_key(|&i| distance(&self.pictures[i]));
-        nearest.map(|i| self.owner[i]).ok_or_else(|| Error::Config("there are no pictures to compare with".into()))
+        nearest.map(|i| self.owner[i]).ok_or_else(|| nothing_to_compare(dataset))
     }
+}
+
+fn nothing_to_compare(dataset: &ObjectDataset) -> Error {
+    Error::NothingToCompare { dataset: dataset.root().to_owned(), what: "pictures to compare with" }
 }

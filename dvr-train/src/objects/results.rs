@@ -81,11 +81,8 @@ impl Results {
         if path.exists() {
             let (earlier, found) = read_results(path)?;
             if earlier != measurement {
-                return Err(refuse(
-                    path,
-                    format!("it holds another measurement ({})", difference(&earlier, &measurement)),
-                    "Write to another folder with --out, or delete the file.",
-                ));
+                let problem = format!("it holds another measurement ({})", difference(&earlier, &measurement));
+                return Err(refuse(path, problem));
             }
             scores = found;
             // As it is, but for what was cut short.
@@ -126,7 +123,7 @@ pub fn read_results(path: &Path) -> Result<(Measurement, Vec<ObjectScore>)> {
     let measurement: Measurement = parse(path, number, first)?;
     if measurement.version != VERSION {
         let problem = format!("results of version {}; this program reads version {VERSION}", measurement.version);
-        return Err(refuse(path, problem, "Evaluate again."));
+        return Err(refuse(path, problem));
     }
     let whole = lines.filter(|(_, line)| line.ends_with('\n'));
     let scores = whole.map(|(number, line)| parse(path, number, line));
@@ -141,7 +138,7 @@ fn read_text(path: &Path) -> Result<String> {
 fn parse<T: for<'de> Deserialize<'de>>(path: &Path, number: usize, line: &str) -> Result<T> {
     serde_json::from_str(line).map_err(|e| {
         let problem = format!("line {} is no result ({e})", number + 1);
-        refuse(path, problem, "Give an objects*.jsonl that `dvr eval` wrote.")
+        refuse(path, problem)
     })
 }
 
@@ -156,11 +153,11 @@ fn difference(a: &Measurement, b: &Measurement) -> String {
 
 fn line(path: &Path, value: &impl Serialize) -> Result<String> {
     let json = serde_json::to_string(value);
-    json.map(|json| json + "\n").map_err(|e| refuse(path, format!("cannot be written ({e})"), "Evaluate again."))
+    json.map(|json| json + "\n").map_err(|e| refuse(path, format!("cannot be written ({e})")))
 }
 
-fn refuse(path: &Path, problem: String, remedy: &str) -> Error {
-    Error::Run { path: path.to_owned(), problem, remedy: remedy.into() }
+fn refuse(path: &Path, problem: String) -> Error {
+    Error::BrokenFile { path: path.to_owned(), problem }
 }
 
 #[cfg(test)]

@@ -5,7 +5,6 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use burn::module::Module;
-use burn::tensor::Device;
 use dvr_core::dataset::ObjectDataset;
 use dvr_core::{Similarity, Split};
 use dvr_model::EncoderConfig;
@@ -21,10 +20,11 @@ use crate::error::{Error, Result};
 use crate::export::preview::{preview_row, sheet};
 use crate::methods::method::Method;
 use crate::observer::Observer;
-use crate::run::checkpoint::{Best, CHECKPOINT_VERSION, Checkpoint, CheckpointHeader};
+use crate::run::best::Best;
+use crate::run::checkpoint::{CHECKPOINT_VERSION, Checkpoint, CheckpointHeader};
 use crate::run::folder::RunFolder;
-use crate::run::options::{RunOptions, Trained};
-use crate::run::train::{Pace, carry_out};
+use crate::run::options::{RunOptions, RunOutcome};
+use crate::run::training_loop::TrainingLoop;
 
 /// The figures of a finished run: `metrics.json`. (What unseen objects say of it is the business of evaluation.)
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -37,8 +37,10 @@ pub struct ObjectsMetrics {
     pub seed: u64,
     /// Objects trained on.
     pub objects: usize,
-    /// Optimiser steps of the checkpoint that stands for the run.
+    /// Optimiser steps of the run, all sessions.
     pub steps: usize,
+    /// The step whose model stands for the run.
+    pub model_step: usize,
     /// Numbers that encoder and decoder consist of.
     pub parameters: usize,
     /// Wall seconds of training, all sessions.
@@ -52,8 +54,10 @@ pub struct ObjectsMetrics {
 /// What training on a dataset left.
 #[derive(Clone, Debug)]
 pub struct TrainedObjects {
-    /// The run.
-    pub trained: Trained,
+    /// The model that stands for the run.
+    pub model: ObjectModel,
+    /// How the run went.
+    pub outcome: RunOutcome,
     /// Objects trained on.
     pub objects: usize,
     /// `category/name` of the objects that could not be used, with the reason.
@@ -76,34 +80,41 @@ const SAMPLES: usize = 128;
 /// diverges.
 pub fn train_objects(
     dataset: &Arc<ObjectDataset>,
-    mut config: ObjectsConfig,
+    method: &dyn Method,
     resume_from: Option<&Checkpoint>,
     options: &RunOptions,
     observer: &mut dyn Observer,
 ) -> Result<TrainedObjects> {
-    config.check()?;
+    method.check()?;
+    let mut config = method.objects().cloned().ok_or_else(|| Error::NeedsScene { method: method.name().to_owned() })?;
+    let mut record = method.record()?;
     let start = Instant::now();
     if let EncoderConfig::Codes { objects } = &mut config.encoder {
         *objects = dataset.of_split(Split::Train).len();
-        if let Some(Method::Objects(earlier)) = resume_from.map(|checkpoint| &checkpoint.header.method)
-            && earlier.encoder != config.encoder
+        let now = *objects;
+        if let Some(checkpoint) = resume_from
+            && let Some(ObjectsConfig { encoder: EncoderConfig::Codes { objects: before }, .. }) =
+                ObjectsConfig::of_record(&checkpoint.header.method)?
+            && before != now
         {
-            return Err(Error::Config("a learned code an object: the dataset has other training objects now".into()));
+            return Err(Error::OtherObjects { before, now });
         }
+        record.config = config.to_value()?;
     }
     observer.phase("reading validation objects", 1);
     let mut learner = ObjectsTrainer::new(dataset.clone(), config.clone(), options.device.clone())?
-        .with_helpers(options.helpers.clone());
+        .data_parallel(options.data_parallel.clone());
     if let (Some(path), None) = (&config.pretrained, resume_from) {
         learner.start_from(path)?;
     }
     observer.progress(1, "");
-    let header = |step, best, seconds| CheckpointHeader {
+    let header = CheckpointHeader {
         version: CHECKPOINT_VERSION,
-        method: Method::Objects(config.clone()),
-        step,
-        seconds,
-        best,
+        method: record,
+        common: method.common(),
+        step: 0,
+        seconds: 0.0,
+        best: None,
         scene: dataset.root().to_owned(),
         reading: options.reading.clone(),
         object_to_world: Similarity::default(),
@@ -111,29 +122,27 @@ pub fn train_objects(
         cameras: BTreeMap::new(),
         notes: Vec::new(),
     };
-    let pace = Pace {
-        validate_every: config.train.validate_every,
-        checkpoint_every: config.train.checkpoint_every,
-        best: Some(|found| found.mask_iou),
-    };
-    let trained = carry_out(&mut learner, pace, start, &header, resume_from, options, observer)?;
-    Ok(TrainedObjects { trained, objects: learner.objects(), broken: learner.broken() })
+    let outcome = TrainingLoop::new(method, header, options, start).run(&mut learner, resume_from, observer)?;
+    Ok(TrainedObjects {
+        model: ObjectModel::from_bytes(config, &outcome.model, &options.device)?,
+        outcome,
+        objects: learner.objects(),
+        broken: learner.broken(),
+    })
 }
 
 /// Writes preview sheet and figures into the run's folder: rows of an unseen object's picture, one of its views, and
 /// that view as the model has it, with depth and normals.
 ///
 /// # Errors
-/// When a file cannot be written, or the checkpoint's model is damaged.
+/// When a file cannot be written.
 pub fn finish_objects(
     dataset: &ObjectDataset,
     result: &TrainedObjects,
     folder: &RunFolder,
-    device: &Device,
     observer: &mut dyn Observer,
 ) -> Result<ObjectsMetrics> {
-    let checkpoint = &result.trained.checkpoint;
-    let model = ObjectModel::load(checkpoint, device)?;
+    let TrainedObjects { model, outcome, .. } = result;
     let config = model.config();
     let shown = if config.encoder.image_size().is_some() { Split::Val } else { Split::Train };
     let objects = dataset.of_split(shown);
@@ -143,7 +152,7 @@ pub fn finish_objects(
     for i in 0..count {
         let row = i * objects.len() / count;
         // A broken object has been told of in training.
-        rows.extend(row_of(&model, dataset, objects[row], row).ok());
+        rows.extend(row_of(model, dataset, objects[row], row).ok());
         observer.progress(i + 1, "");
     }
     if !rows.is_empty() {
@@ -154,13 +163,14 @@ pub fn finish_objects(
         supervision: config.train.supervision.to_string(),
         seed: config.train.seed,
         objects: result.objects,
-        steps: checkpoint.header.step,
+        steps: outcome.steps,
+        model_step: outcome.header.step,
         parameters: model.model().num_params(),
-        training_seconds: result.trained.seconds,
-        validation: checkpoint.header.best,
+        training_seconds: outcome.seconds,
+        validation: outcome.header.best,
         broken: result.broken.clone(),
     };
-    let json = serde_json::to_string_pretty(&metrics).map_err(|e| Error::Config(e.to_string()))?;
+    let json = serde_json::to_string_pretty(&metrics).map_err(|e| Error::NotStored { problem: e.to_string() })?;
     dvr_core::files::write_bytes_atomically(&folder.metrics_json(), json.as_bytes())?;
     Ok(metrics)
 }

@@ -84,11 +84,7 @@ pub fn judged_input(dataset: &ObjectDataset, object: usize, seed: u64) -> Result
 /// The place of an object among the training objects.
 fn training_row(dataset: &ObjectDataset, object: usize) -> Result<usize> {
     let row = dataset.of_split(Split::Train).iter().position(|&other| other == object);
-    row.ok_or_else(|| {
-        Error::Config(
-            "this model has a learned code for each training object and takes no pictures: evaluate it with --split train".into(),
-        )
-    })
+    row.ok_or(Error::NotATrainingObject)
 }
 
 impl Shape {

@@ -111,11 +111,8 @@ pub fn merge_results(files: &[std::path::PathBuf]) -> Result<Vec<Summary>> {
         let known = &mut joined[place].1;
         if let Some(twice) = scores.iter().find(|a| known.iter().any(|b| a.category == b.category && a.name == b.name))
         {
-            return Err(Error::Run {
-                path: file.clone(),
-                problem: format!("the figures of {}/{} are in an earlier file too", twice.category, twice.name),
-                remedy: "Give each shard once.".into(),
-            });
+            let problem = format!("the figures of {}/{} are in an earlier file too", twice.category, twice.name);
+            return Err(Error::BrokenFile { path: file.clone(), problem });
         }
         known.extend(scores);
     }
@@ -128,7 +125,7 @@ pub fn merge_results(files: &[std::path::PathBuf]) -> Result<Vec<Summary>> {
 /// When a file cannot be written.
 pub fn write_summaries(folder: &Path, summaries: &[Summary]) -> Result<()> {
     std::fs::create_dir_all(folder).map_err(|e| dvr_core::Error::io(folder, e))?;
-    let json = serde_json::to_string_pretty(summaries).map_err(|e| Error::Config(e.to_string()))?;
+    let json = serde_json::to_string_pretty(summaries).map_err(|e| Error::NotStored { problem: e.to_string() })?;
     let files = [("summary.json", json), ("summary.csv", to_csv(summaries)?), ("summary.md", to_markdown(summaries))];
     for (name, text) in files {
         dvr_core::files::write_bytes_atomically(&folder.join(name), text.as_bytes())?;
@@ -138,7 +135,7 @@ pub fn write_summaries(folder: &Path, summaries: &[Summary]) -> Result<()> {
 
 /// A row for each subject and category, a column for each figure, full precision, lengths in edges of the object cube.
 fn to_csv(summaries: &[Summary]) -> Result<String> {
-    let broken = |e: String| Error::Config(format!("the table cannot be written ({e})"));
+    let broken = |e: String| Error::NotStored { problem: e };
     let mut writer = csv::Writer::from_writer(Vec::new());
     let header = ["subject", "category", "objects"].into_iter().chain(FIGURES.iter().map(|figure| figure.0));
     writer.write_record(header).map_err(|e| broken(e.to_string()))?;

@@ -152,9 +152,12 @@ fn answers(trainer: &ObjectsTrainer, dataset: &ObjectDataset) -> Vec<f32> {
 }
 
 fn header(trainer: &ObjectsTrainer) -> crate::run::checkpoint::CheckpointHeader {
+    use crate::methods::method::Method;
+    let method: Box<dyn Method> = Box::new(crate::methods::objects::ObjectsMethod::new(trainer.config().clone()));
     crate::run::checkpoint::CheckpointHeader {
         version: crate::run::checkpoint::CHECKPOINT_VERSION,
-        method: crate::methods::method::Method::Objects(trainer.config().clone()),
+        method: method.record().unwrap(),
+        common: method.common(),
         step: trainer.steps_done(),
         seconds: 0.0,
         best: None,
@@ -217,16 +220,16 @@ fn devices_that_share_the_objects_of_a_step_learn_what_one_does() {
         // Its points are drawn among a device's own hits.
         config.train.losses.normal = 0.0;
         let new = newborn(&dataset, &config);
-        let learn = |helpers: usize| {
-            let mut trainer = new().with_helpers(vec![Device::flex(); helpers]);
+        let learn = |others: usize| {
+            let mut trainer = new().data_parallel(vec![Device::flex(); others]);
             (0..3).for_each(|_| drop(trainer.step().unwrap()));
             answers(&trainer, &dataset)
         };
         let alone = learn(0);
         // More devices than objects are no problem.
-        for helpers in [1, 2, 20] {
-            let apart = max_difference(&learn(helpers), &alone);
-            assert!(apart < 1e-4, "{supervision}, {helpers} helpers: {apart:e}");
+        for others in [1, 2, 20] {
+            let apart = max_difference(&learn(others), &alone);
+            assert!(apart < 1e-4, "{supervision}, {others} others: {apart:e}");
         }
     }
 }

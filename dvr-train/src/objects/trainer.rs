@@ -20,19 +20,19 @@ use super::validate::{Judge, judge, read_judges};
 use crate::error::{Error, Result};
 use crate::learners::adam::adam;
 use crate::learners::batch::PixelBatch;
-use crate::learners::data_parallel::{Part, Team, shares};
-use crate::learners::learner::{Learner, module_state, restore_module, restore_optimizer};
+use crate::learners::data_parallel::{DataParallel, Part, shares};
+use crate::learners::learner::{Learner, LearnerState};
 use crate::learners::losses;
+use crate::learners::module_state::{module_bytes, module_state, restore_module, restore_optimizer};
 use crate::learners::objective::{StepLoss, step_loss};
-use crate::learners::trainer::StepReport;
-use crate::run::checkpoint::LearnerState;
+use crate::learners::step_report::StepReport;
 use dvr_render::ViewMetrics;
 
 /// A model of many objects in training.
 pub struct ObjectsTrainer {
     config: ObjectsConfig,
     dataset: Arc<ObjectDataset>,
-    team: Team,
+    devices: DataParallel,
     drawer: Arc<BatchDrawer>,
     /// Started by the first step, so that a resumed run draws no batch in vain.
     loader: Option<Loader>,
@@ -62,7 +62,7 @@ impl ObjectsTrainer {
         Ok(Self {
             config,
             dataset,
-            team: Team::alone(device),
+            devices: DataParallel::one(device),
             drawer,
             loader: None,
             judges,
@@ -78,8 +78,8 @@ impl ObjectsTrainer {
     /// Shares each step with other devices, which are without autodiff too: every one takes as many of its objects.
     /// Batch normalisation takes each device's objects by themselves, and remembers those of the first.
     #[must_use]
-    pub fn with_helpers(self, helpers: impl IntoIterator<Item = Device>) -> Self {
-        Self { team: self.team.with(helpers), ..self }
+    pub fn data_parallel(self, devices: impl IntoIterator<Item = Device>) -> Self {
+        Self { devices: self.devices.with(devices), ..self }
     }
 
     /// The configuration.
@@ -92,9 +92,10 @@ impl ObjectsTrainer {
     /// # Errors
     /// When it holds no ResNet-18, or the encoder is none.
     pub fn start_from(&mut self, path: &Path) -> Result<()> {
-        let device = self.team.first().clone().autodiff();
+        let device = self.devices.first().clone().autodiff();
         let encoder = load_pretrained(self.model.encoder.clone(), path, &device);
-        self.model.encoder = encoder.map_err(|e| Error::Config(format!("pretrained {}: {e}", path.display())))?;
+        self.model.encoder =
+            encoder.map_err(|e| Error::Pretrained { path: path.to_owned(), problem: e.to_string() })?;
         Ok(())
     }
 
@@ -171,14 +172,14 @@ impl Learner for ObjectsTrainer {
         let loader = self.loader.get_or_insert_with(|| Loader::start(&self.drawer, self.step + 1));
         let mut batch = loader.next_batch()?;
         let whole = batch.ray_gradient.len();
-        let parts = shares(batch.rows.len(), self.team.len()).map(|objects| {
+        let parts = shares(batch.rows.len(), self.devices.len()).map(|objects| {
             let work = batch.take_first(objects.len());
             Part { weight: work.ray_gradient.len() as f64 / whole as f64, work }
         });
         let parts = parts.collect();
         let (config, step) = (&self.config, self.step);
         let learn = |model: &ImageModel, batch, device: &Device| objects_loss(model, batch, config, step, device);
-        let (loss, gradients) = self.team.learn(&self.model, parts, learn);
+        let (loss, gradients) = self.devices.learn(&self.model, parts, learn);
 
         let report = StepReport::of(&loss, &self.config.train, self.step, self.last.as_ref())?;
         if let Some(gradients) = gradients {
@@ -198,7 +199,11 @@ impl Learner for ObjectsTrainer {
     }
 
     fn validate(&self, pixels: usize) -> Option<ViewMetrics> {
-        judge(&self.model.valid(), &self.judges, pixels, self.team.first())
+        judge(&self.model.valid(), &self.judges, pixels, self.devices.first())
+    }
+
+    fn model(&self) -> Result<Vec<u8>> {
+        module_bytes(self.model.clone())
     }
 
     fn state(&self) -> Result<LearnerState> {

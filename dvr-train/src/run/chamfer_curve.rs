@@ -9,9 +9,9 @@ use dvr_core::sampling::sample_surface;
 use dvr_render::extract::{ExtractSettings, extract_mesh};
 
 use crate::error::Result;
-use crate::methods::trained_model::Model;
+use crate::learners::learner::Learner;
+use crate::methods::method::Method;
 use crate::resources::Resources;
-use crate::run::checkpoint::Checkpoint;
 
 /// Cells along an edge of the meshes: their error is far below that of a field in training.
 const RESOLUTION: usize = 128;
@@ -37,17 +37,17 @@ impl<'a> ChamferCurve<'a> {
         self.spent
     }
 
-    /// Chamfer-L1 of the checkpoint's surface, in object units; of nothing, where there is none.
+    /// Chamfer-L1 of what the learner has learned so far, in object units; of nothing, where there is no surface.
     ///
     /// # Errors
-    /// When the checkpoint cannot be read, or the truth is broken.
-    pub fn chamfer_l1(&mut self, checkpoint: &Checkpoint) -> Result<f64> {
+    /// When the model cannot be had, or the truth is broken.
+    pub fn chamfer_l1(&mut self, method: &dyn Method, learner: &dyn Learner) -> Result<f64> {
         let (wall, cpu) = (Instant::now(), Resources::now().cpu_seconds);
-        let model = Model::load(checkpoint, &self.device)?;
+        let model = method.load(&learner.model()?, &self.device)?;
         let settings = ExtractSettings { resolution: RESOLUTION, upsampling_steps: 1, ..ExtractSettings::default() };
-        let chamfer = match extract_mesh(&model, &settings, &[]) {
+        let chamfer = match extract_mesh(model.as_ref(), &settings, &[]) {
             Ok(extracted) => {
-                let found = PointCloud::from(sample_surface(&extracted.mesh, SAMPLES, checkpoint.header.method.seed()));
+                let found = PointCloud::from(sample_surface(&extracted.mesh, SAMPLES, method.common().seed));
                 score_surface(&found, self.truth, &[])?.chamfer_l1
             }
             Err(_) => EMPTY_DISTANCE,

@@ -3,7 +3,7 @@
 //! The container is safetensors: a JSON header with the format's version and the full configuration, and two byte
 //! tensors, `model` and `training`. For a network they hold burn's own records (which keep parameter identities, so
 //! that the optimiser's moments find their parameters again); for a grid field the compact field that
-//! `dvr_model::grid_file` writes, and what training needs besides.
+//! `dvr_grid::grid_file` writes, and what training needs besides.
 
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
@@ -14,10 +14,12 @@ use safetensors::{SafeTensors, serialize};
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
-use crate::methods::method::Method;
+use crate::learners::learner::LearnerState;
+use crate::methods::record::{CommonSettings, MethodRecord};
+use crate::run::best::Best;
 
 /// Version of the checkpoints that this program writes.
-pub const CHECKPOINT_VERSION: u32 = 4;
+pub const CHECKPOINT_VERSION: u32 = 5;
 
 /// Key of the JSON header among the container's metadata.
 const HEADER_KEY: &str = "dvr-checkpoint";
@@ -27,8 +29,11 @@ const HEADER_KEY: &str = "dvr-checkpoint";
 pub struct CheckpointHeader {
     /// Format version.
     pub version: u32,
-    /// The method and the full configuration of the run.
-    pub method: Method,
+    /// The method and the full configuration of the run: the keys `method` and `config`.
+    #[serde(flatten)]
+    pub method: MethodRecord,
+    /// What every configuration has.
+    pub common: CommonSettings,
     /// Optimiser steps done.
     pub step: usize,
     /// Wall seconds of training so far, over all sessions.
@@ -51,27 +56,6 @@ pub struct CheckpointHeader {
     pub notes: Vec<String>,
 }
 
-/// The best validation of a run.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Best {
-    /// The step after which it was measured.
-    pub step: usize,
-    /// PSNR on held-out pixels, dB.
-    pub psnr: f64,
-    /// IoU of the silhouettes on the same pixels.
-    #[serde(default)]
-    pub mask_iou: f64,
-}
-
-/// What a learner has learned, and what it needs to go on learning.
-#[derive(Clone, Debug)]
-pub struct LearnerState {
-    /// Enough to render and extract.
-    pub model: Vec<u8>,
-    /// Optimiser and schedule; empty where the model is final.
-    pub training: Vec<u8>,
-}
-
 /// A checkpoint in memory.
 #[derive(Clone, Debug)]
 pub struct Checkpoint {
@@ -87,11 +71,7 @@ impl Checkpoint {
     /// # Errors
     /// When the file cannot be written; an older file of that name is then untouched.
     pub fn save(&self, path: &Path) -> Result<()> {
-        let fail = |e: String| Error::Run {
-            path: path.to_owned(),
-            problem: format!("the checkpoint cannot be written: {e}"),
-            remedy: "Check the disk.".into(),
-        };
+        let fail = |problem: String| Error::NotStored { problem };
         let view = |bytes| TensorView::new(Dtype::U8, vec![<[u8]>::len(bytes)], bytes).map_err(|e| fail(e.to_string()));
         let header = serde_json::to_string(&self.header).map_err(|e| fail(e.to_string()))?;
         let metadata = HashMap::from([(HEADER_KEY.to_owned(), header)]);
@@ -100,23 +80,12 @@ impl Checkpoint {
         Ok(dvr_core::files::write_bytes_atomically(path, &bytes)?)
     }
 
-    /// The same without what only training needs: small, and all that rendering, extraction and evaluation ask for.
-    #[must_use]
-    pub fn final_model(mut self) -> Self {
-        self.state.training.clear();
-        self
-    }
-
     /// Reads a checkpoint.
     ///
     /// # Errors
-    /// When the file is missing, is not a checkpoint, is cut short, or was written by a newer program.
+    /// When the file is missing, is not a checkpoint, is cut short, or was written by another version of the program.
     pub fn load(path: &Path) -> Result<Self> {
-        let refuse = |problem: String| Error::Run {
-            path: path.to_owned(),
-            problem,
-            remedy: "Give the folder of a run that `dvr train` wrote, or one of its checkpoints.".into(),
-        };
+        let refuse = |problem: String| Error::NotACheckpoint { path: path.to_owned(), problem };
         let bytes = std::fs::read(path).map_err(|e| dvr_core::Error::io(path, e))?;
         let (_, metadata) =
             SafeTensors::read_metadata(&bytes).map_err(|e| refuse(format!("this is not a checkpoint ({e})")))?;
@@ -125,8 +94,11 @@ impl Checkpoint {
         let value: serde_json::Value = serde_json::from_str(header).map_err(|e| refuse(e.to_string()))?;
         let version = value.get("version").and_then(serde_json::Value::as_u64).unwrap_or(0);
         if version != u64::from(CHECKPOINT_VERSION) {
-            let problem = format!("checkpoint version {version}; this program reads version {CHECKPOINT_VERSION}");
-            return Err(refuse(problem));
+            return Err(Error::CheckpointVersion {
+                path: path.to_owned(),
+                found: version,
+                expected: CHECKPOINT_VERSION,
+            });
         }
         let header = serde_json::from_value(value).map_err(|e| refuse(format!("the header is broken ({e})")))?;
         let tensors = SafeTensors::deserialize(&bytes).map_err(|e| refuse(format!("the file is cut short ({e})")))?;

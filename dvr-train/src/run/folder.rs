@@ -83,11 +83,7 @@ impl RunFolder {
     /// When it cannot be made, cannot be written to, or already holds a run.
     pub fn create(&self) -> Result<()> {
         if self.last().exists() {
-            return Err(Error::Run {
-                path: self.root.clone(),
-                problem: "the folder already holds a run".into(),
-                remedy: "Continue it with --resume, start over with --overwrite, or choose another folder.".into(),
-            });
+            return Err(Error::FolderInUse { path: self.root.clone() });
         }
         std::fs::create_dir_all(&self.root).map_err(|e| dvr_core::Error::io(&self.root, e))?;
         Ok(())

@@ -2,40 +2,37 @@
 
 use std::path::Path;
 
-use crate::error::{Error, Result};
-use crate::learners::trainer::StepReport;
 use dvr_render::ViewMetrics;
 
-/// The loss terms that have a column, in order.
-const TERMS: [&str; 14] = [
-    "color",
-    "photo_consistency",
-    "structure",
-    "mask",
-    "smoothness",
-    "texture",
-    "image_gradient",
-    "depth",
-    "sparse_depth",
-    "free_space",
-    "free_space_missed",
-    "free_space_entry",
-    "occupancy",
-    "normal",
-];
+use crate::error::{Error, Result};
+use crate::learners::step_report::StepReport;
 
-/// Names of the columns.
-fn header() -> Vec<&'static str> {
-    let mut header = vec!["step", "seconds", "loss", "mask_iou", "learning_rate", "samples"];
-    header.extend(TERMS);
-    header.extend(["held_out_psnr", "held_out_mask_iou", "cpu_seconds", "chamfer_l1"]);
-    header
+/// The columns before those of the loss terms.
+const BEFORE: [&str; 6] = ["step", "seconds", "loss", "mask_iou", "learning_rate", "samples"];
+
+/// The columns after them.
+const AFTER: [&str; 4] = ["held_out_psnr", "held_out_mask_iou", "cpu_seconds", "chamfer_l1"];
+
+/// Whether a column of `metrics.csv` holds a loss term: all do but those that every run has.
+pub fn is_loss_term(column: &str) -> bool {
+    !BEFORE.contains(&column) && !AFTER.contains(&column)
 }
 
 /// Rows of `metrics.csv`, kept in memory and written whole: a run killed at any moment leaves a complete file.
+///
+/// The loss terms have columns in the order in which they first appear.
 #[derive(Clone, Debug, Default)]
-pub struct MetricsLog {
-    rows: Vec<Vec<String>>,
+pub(crate) struct MetricsLog {
+    terms: Vec<String>,
+    rows: Vec<Row>,
+}
+
+/// One row: the cells before the terms, one for each term that was known then, and the cells after.
+#[derive(Clone, Debug)]
+struct Row {
+    before: Vec<String>,
+    terms: Vec<String>,
+    after: Vec<String>,
 }
 
 impl MetricsLog {
@@ -47,23 +44,23 @@ impl MetricsLog {
         if !path.exists() {
             return Ok(Self::default());
         }
-        let broken = |e: csv::Error| Error::Run {
-            path: path.to_owned(),
-            problem: format!("the file cannot be read ({e})"),
-            remedy: "Move it away and resume again.".into(),
-        };
+        let broken = |e: csv::Error| Error::BrokenFile { path: path.to_owned(), problem: e.to_string() };
         let mut reader = csv::Reader::from_path(path).map_err(broken)?;
+        let names: Vec<String> = reader.headers().map_err(broken)?.iter().map(str::to_owned).collect();
         let mut rows = Vec::new();
         for record in reader.records() {
             let record = record.map_err(broken)?;
-            if record.get(0).and_then(|step| step.parse::<usize>().ok()).is_some_and(|step| step <= last_step) {
-                // An earlier version of the program wrote fewer columns.
-                let mut row: Vec<String> = record.iter().map(str::to_owned).collect();
-                row.resize(row.len().max(header().len()), String::new());
-                rows.push(row);
+            let cell = |name: &str| {
+                let place = names.iter().position(|other| other == name);
+                place.and_then(|place| record.get(place)).unwrap_or_default().to_owned()
+            };
+            if cell("step").parse::<usize>().is_ok_and(|step| step <= last_step) {
+                let cells = |columns: &[&str]| columns.iter().map(|name| cell(name)).collect();
+                let terms = names.iter().filter(|name| is_loss_term(name)).map(|name| cell(name)).collect();
+                rows.push(Row { before: cells(&BEFORE), terms, after: cells(&AFTER) });
             }
         }
-        Ok(Self { rows })
+        Ok(Self { terms: names.into_iter().filter(|name| is_loss_term(name)).collect(), rows })
     }
 
     /// Adds a row: what a step did after so many wall seconds of training and CPU seconds of this process, what a
@@ -75,24 +72,32 @@ impl MetricsLog {
         validation: Option<&ViewMetrics>,
         chamfer_l1: Option<f64>,
     ) {
-        let term = |name: &str| {
-            let sum: f64 = report.terms.iter().filter(|(n, _)| *n == name).map(|(_, value)| value).sum();
-            if report.terms.iter().any(|(n, _)| *n == name) { format!("{sum:.6}") } else { String::new() }
+        for (name, _) in &report.terms {
+            if !self.terms.iter().any(|known| known == name) {
+                self.terms.push((*name).to_owned());
+            }
+        }
+        let term = |name: &String| {
+            let of_name = || report.terms.iter().filter(|(other, _)| other == name).map(|(_, value)| value);
+            of_name().next().map_or(String::new(), |_| format!("{:.6}", of_name().sum::<f64>()))
         };
-        let mut row = vec![
-            report.step.to_string(),
-            format!("{seconds:.3}"),
-            format!("{:.6}", report.loss),
-            format!("{:.4}", report.mask_iou),
-            format!("{:e}", report.learning_rate),
-            report.samples.to_string(),
-        ];
-        row.extend(TERMS.iter().map(|name| term(name)));
-        row.push(validation.map_or(String::new(), |v| format!("{:.3}", v.psnr)));
-        row.push(validation.map_or(String::new(), |v| format!("{:.4}", v.mask_iou)));
-        row.push(format!("{cpu_seconds:.3}"));
-        row.push(chamfer_l1.map_or(String::new(), |distance| format!("{distance:.6}")));
-        self.rows.push(row);
+        self.rows.push(Row {
+            before: vec![
+                report.step.to_string(),
+                format!("{seconds:.3}"),
+                format!("{:.6}", report.loss),
+                format!("{:.4}", report.mask_iou),
+                format!("{:e}", report.learning_rate),
+                report.samples.to_string(),
+            ],
+            terms: self.terms.iter().map(term).collect(),
+            after: vec![
+                validation.map_or(String::new(), |v| format!("{:.3}", v.psnr)),
+                validation.map_or(String::new(), |v| format!("{:.4}", v.mask_iou)),
+                format!("{cpu_seconds:.3}"),
+                chamfer_l1.map_or(String::new(), |distance| format!("{distance:.6}")),
+            ],
+        });
     }
 
     /// Writes the file.
@@ -100,12 +105,39 @@ impl MetricsLog {
     /// # Errors
     /// When it cannot be written.
     pub fn save(&self, path: &Path) -> Result<()> {
-        let mut text = header().join(",");
+        let names: Vec<&str> = BEFORE.into_iter().chain(self.terms.iter().map(String::as_str)).chain(AFTER).collect();
+        let mut text = names.join(",");
         text.push('\n');
-        for row in &self.rows {
-            text.push_str(&row.join(","));
+        for Row { before, terms, after } in &self.rows {
+            let missing = vec![String::new(); self.terms.len() - terms.len()];
+            text.push_str(&[before.as_slice(), terms, &missing, after].concat().join(","));
             text.push('\n');
         }
         Ok(dvr_core::files::write_bytes_atomically(path, text.as_bytes())?)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_new_term_gets_a_column_and_old_rows_stay_aligned() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("metrics.csv");
+        let report = |step, terms| StepReport { step, loss: 1.0, terms, mask_iou: 0.5, learning_rate: 0.1, samples: 8 };
+        let mut log = MetricsLog::default();
+        log.push(&report(10, vec![("color", 0.25)]), [1.0, 2.0], None, None);
+        log.push(&report(20, vec![("shininess", 0.5), ("color", 0.5)]), [2.0, 4.0], None, Some(0.125));
+        log.save(&path).unwrap();
+        let text = std::fs::read_to_string(&path).unwrap();
+        let lines: Vec<&str> = text.lines().collect();
+        assert!(lines[0].contains(",samples,color,shininess,held_out_psnr,"), "{text}");
+        assert_eq!(lines[1], "10,1.000,1.000000,0.5000,1e-1,8,0.250000,,,,2.000,");
+        assert_eq!(lines[2], "20,2.000,1.000000,0.5000,1e-1,8,0.500000,0.500000,,,4.000,0.125000");
+        let resumed = MetricsLog::resume(&path, 20).unwrap();
+        resumed.save(&path).unwrap();
+        assert_eq!(std::fs::read_to_string(&path).unwrap(), text);
+        assert_eq!(MetricsLog::resume(&path, 10).unwrap().rows.len(), 1);
     }
 }

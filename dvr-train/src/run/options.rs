@@ -4,32 +4,53 @@ use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 use burn::tensor::Device;
-use dvr_core::PointCloud;
 use dvr_render::ViewMetrics;
 
-use super::checkpoint::Checkpoint;
-use super::folder::RunFolder;
-use crate::cameras::RefinedCameras;
+use super::checkpoint::{Checkpoint, CheckpointHeader};
 
-/// How a run is carried out, besides its configuration.
+use super::folder::RunFolder;
+use crate::learners::learner::LearnerState;
+use crate::methods::trained_model::TrainedModel;
+
+/// How a run is carried out, besides its method.
 pub struct RunOptions<'a> {
     /// The folder.
     pub folder: RunFolder,
     /// The device, without autodiff.
     pub device: Device,
     /// Devices that share each step of a network with it, without autodiff too.
-    pub helpers: Vec<Device>,
+    pub data_parallel: Vec<Device>,
     /// How the scene was read; stored in checkpoints.
     pub reading: serde_json::Value,
     /// Wall time after which training stops as if its steps were done.
     pub time_limit: Option<Duration>,
-    /// What became of the scene's cameras, where they were refined.
-    pub refined: Option<RefinedCameras>,
-    /// The true surface, with which the shape is compared at each validation, beside the clock: a column of
-    /// `metrics.csv`. It teaches nothing.
-    pub truth: Option<&'a PointCloud>,
+    /// Rounds, at most, in which the scene's cameras are moved to where they fit together before training; 0 believes
+    /// the files.
+    pub refine_cameras: usize,
+    /// Whether the shape is compared with the scene's true surface at each validation, beside the clock: a column of
+    /// `metrics.csv`. Nothing is learned from it.
+    pub follow_shape: bool,
     /// Set from outside (Ctrl-C): training saves and stops after the current step.
     pub interrupted: &'a AtomicBool,
+}
+
+/// Set by nobody.
+static NEVER: AtomicBool = AtomicBool::new(false);
+
+impl RunOptions<'static> {
+    /// A run in a folder, on a device, and nothing else.
+    pub fn new(folder: RunFolder, device: Device) -> Self {
+        Self {
+            folder,
+            device,
+            data_parallel: Vec::new(),
+            reading: serde_json::Value::Null,
+            time_limit: None,
+            refine_cameras: 0,
+            follow_shape: false,
+            interrupted: &NEVER,
+        }
+    }
 }
 
 /// Why training stopped.
@@ -43,11 +64,14 @@ pub enum Stop {
     Interrupted,
 }
 
-/// What training left.
+/// How a run went.
 #[derive(Clone, Debug)]
-pub struct Trained {
-    /// The checkpoint that stands for the run.
-    pub checkpoint: Checkpoint,
+pub struct RunOutcome {
+    /// The header of the checkpoint that stands for the run: of the best step, or of the last where nothing was
+    /// validated or the run was interrupted.
+    pub header: CheckpointHeader,
+    /// The model of that step, as checkpoints store it.
+    pub model: Vec<u8>,
     /// Why it stopped.
     pub stop: Stop,
     /// Steps done, over all sessions.
@@ -59,4 +83,20 @@ pub struct Trained {
     pub measuring_seconds: [f64; 2],
     /// The last validation.
     pub validation: Option<ViewMetrics>,
+}
+
+impl RunOutcome {
+    /// A checkpoint without what only training needs: small, and all that rendering, extraction and evaluation ask for.
+    pub fn final_model(&self) -> Checkpoint {
+        let state = LearnerState { model: self.model.clone(), training: Vec::new() };
+        Checkpoint { header: self.header.clone(), state }
+    }
+}
+
+/// A trained scene.
+pub struct Trained {
+    /// The model that stands for the run, ready to be rendered and extracted.
+    pub model: Box<dyn TrainedModel>,
+    /// How the run went.
+    pub outcome: RunOutcome,
 }

@@ -16,9 +16,9 @@ use dvr_stress::{Axis, Cell, axes, break_point};
 use dvr_train::Observer;
 
 use super::machine::Machine;
-use super::train::{INTERRUPTED, interrupt_on_ctrl_c};
 use crate::EXIT_INTERRUPTED;
 use crate::args::StressArgs;
+use crate::interrupt::{self, INTERRUPTED};
 use crate::progress::Progress;
 use plan::{Estimate, plan};
 use results::Results;
@@ -38,7 +38,7 @@ pub fn run(args: &StressArgs) -> Result<ExitCode> {
         bail!("--against {name}: nothing of this name is tried; give it with --methods or --variant");
     }
     std::fs::create_dir_all(out.join("cells")).with_context(|| out.display().to_string())?;
-    interrupt_on_ctrl_c()?;
+    interrupt::catch()?;
     let mut results = Results { machine: Machine::this(), cells: Vec::new() };
     let (first, rivals): (Vec<Task>, Vec<Task>) = plan(args, &axes, out)
         .into_iter()

@@ -120,8 +120,10 @@ mod tests {
     #[test]
     fn the_hull_comes_before_what_is_compared_with_it() {
         let axes = axes();
-        let args =
-            StressArgs { methods: vec![crate::args::MethodName::Grid, crate::args::MethodName::Hull], ..args(false) };
+        let args = StressArgs {
+            methods: vec![crate::args::MethodName("grid"), crate::args::MethodName("hull")],
+            ..args(false)
+        };
         let tasks = plan(&args, &axes[..1], Path::new("nowhere"));
         assert_eq!([&tasks[0], &tasks[1]].map(|task| task.variant.name.as_str()), ["hull", "grid"]);
     }

@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use crate::EXIT_INTERRUPTED;
 use crate::args::Variant;
 use crate::commands::job::{Ended, Job, once, stored};
-use crate::commands::train::INTERRUPTED;
+use crate::interrupt::INTERRUPTED;
 
 /// Slope rules by name.
 const RULES: [(&str, SlopeRule); 2] =

@@ -1,0 +1,133 @@
+//! The method and configuration that the arguments of `dvr train` ask for.
+
+use std::path::Path;
+
+use anyhow::{Context, Result, bail};
+use dvr_train::{METHODS, Method, ReferenceConfig, method_by_name};
+use serde_json::{Value, json};
+
+use super::print_notes;
+use crate::args::{CapacityArg, TrainArgs};
+
+/// Defaults, then a file, then single values, then the flags for seed and steps: later ones win.
+pub fn method_of_args(args: &TrainArgs, is_dataset: bool) -> Result<Box<dyn Method>> {
+    let mut method = method_by_name(name(args, is_dataset)?, args.supervision.unwrap_or_default())?;
+    refuse_misplaced(args, method.as_ref())?;
+    method = method.with_overrides(&capacity(args))?;
+    if let Some(path) = &args.config {
+        method = if path.extension().is_some_and(|ending| ending == "yaml" || ending == "yml") {
+            of_reference_config(path, args, is_dataset)?
+        } else {
+            let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
+            let json = serde_json::from_str(&text).with_context(|| format!("{} is no JSON", path.display()))?;
+            method.overridden(&json).with_context(|| path.display().to_string())?
+        };
+    }
+    if let Some(path) = &args.objects.pretrained {
+        method = method.with_overrides(&json!({ "pretrained": path }))?;
+    }
+    if !args.set.is_empty() {
+        let with = || format!("--set {}", args.set.join(" --set "));
+        method = method.overridden(&assignments(&args.set)?).with_context(with)?;
+    }
+    for (key, value) in [("seed", args.seed.map(Value::from)), ("steps", args.steps.map(Value::from))] {
+        if let Some(value) = value {
+            method = method.with_overrides(&json!({ key: value }))?;
+        }
+    }
+    method.check()?;
+    Ok(method)
+}
+
+/// The method's name. What trains a network on a scene has a counterpart for datasets.
+fn name(args: &TrainArgs, is_dataset: bool) -> Result<&'static str> {
+    let asked = args.method.map(|method| match (is_dataset, method.0) {
+        (true, "network") => "objects",
+        (true, "classic") => "objects-classic",
+        (_, name) => name,
+    });
+    let fits = |name: &str| METHODS.iter().any(|entry| entry.name == name && entry.learns_objects == is_dataset);
+    match asked {
+        Some(name) if fits(name) => Ok(name),
+        Some(name) if is_dataset => {
+            bail!("a dataset of many objects takes --method network or classic; {name} reconstructs a single scene")
+        }
+        Some(name) => bail!("--method {name} is for datasets of many objects, and this is a single scene"),
+        None if is_dataset => Ok("objects"),
+        None => Ok("grid"),
+    }
+}
+
+/// Refuses flags that mean nothing to the method.
+fn refuse_misplaced(args: &TrainArgs, method: &dyn Method) -> Result<()> {
+    let objects = &args.objects;
+    let is_dataset = method.objects().is_some();
+    if !is_dataset && (!objects.categories.is_empty() || objects.inputs.is_some() || objects.pretrained.is_some()) {
+        bail!("--categories, --inputs and --pretrained are for datasets of many objects, and this is a single scene");
+    }
+    if method.name() != "grid" && (args.capacity.is_some() || args.max_bytes.is_some()) {
+        bail!("--capacity and --max-bytes belong to --method grid");
+    }
+    if is_dataset && args.refine_cameras.is_some() {
+        bail!("--refine-cameras is for a single scene, and this is a dataset of many");
+    }
+    Ok(())
+}
+
+/// What `--capacity` and `--max-bytes` say.
+fn capacity(args: &TrainArgs) -> Value {
+    let mut overrides = json!({});
+    if let Some(CapacityArg::Cells(cells)) = args.capacity {
+        overrides["capacity"] = json!({ "cells": cells });
+        if cells < dvr_train::GridConfig::default().first_cells {
+            overrides["first_cells"] = json!(cells);
+        }
+    }
+    if let Some(bytes) = args.max_bytes {
+        overrides["max_bytes"] = json!(bytes);
+    }
+    overrides
+}
+
+/// All `--set` together: one after the other they might make no sense, though together they do.
+fn assignments(set: &[String]) -> Result<Value> {
+    let mut overrides = json!({});
+    for assignment in set {
+        let Some((key, value)) = assignment.split_once('=') else {
+            bail!("--set {assignment}: write KEY=VALUE, e.g. --set rays=512");
+        };
+        // What is no JSON is taken as a string, so that `--set occupancy_point=random` needs no quotes.
+        let value = serde_json::from_str(value).unwrap_or_else(|_| Value::String(value.to_owned()));
+        let mut place = &mut overrides;
+        for part in key.split('.') {
+            if !place.is_object() {
+                *place = json!({});
+            }
+            place = &mut place[part];
+        }
+        *place = value;
+    }
+    Ok(overrides)
+}
+
+/// The method that a YAML configuration of DVR's reference code describes.
+fn of_reference_config(path: &Path, args: &TrainArgs, is_dataset: bool) -> Result<Box<dyn Method>> {
+    if args.method.is_some() || args.supervision.is_some() {
+        bail!("{} says method and supervision: leave --method and --supervision away", path.display());
+    }
+    let reference = ReferenceConfig::read(path)?;
+    print_notes(&reference.notes);
+    if !reference.reading.ignored_views.is_empty() {
+        let views = reference.reading.ignored_views.join(",");
+        print_notes(&[format!("data.ignore_image_idx is left to you: --ignore {views}")]);
+    }
+    if reference.reading.visual_hull_depth {
+        print_notes(&["data.depth_from_visual_hull is left to you: --visual-hull-depth".into()]);
+    }
+    let method = reference.method();
+    match (method.objects().is_some(), is_dataset) {
+        (true, false) => bail!("{} is for a dataset of many objects, and this is a single scene", path.display()),
+        (false, true) => bail!("{} is for a single scene, and this is a dataset of many objects", path.display()),
+        _ => Ok(method),
+    }
+}

@@ -1,0 +1,33 @@
+//! One of the objects that a run knows by their learned codes, as a field of its own.
+
+use burn::tensor::Device;
+use dvr_model::{Conditioned, EncoderConfig};
+
+use crate::error::{Error, Result};
+use crate::methods::field_model::FieldModel;
+use crate::methods::trained_model::TrainedModel;
+use crate::objects::config::ObjectsConfig;
+use crate::objects::model::ObjectModel;
+use crate::run::checkpoint::Checkpoint;
+
+/// The field of one of the objects, counted from 0, that a run knows by their codes.
+///
+/// # Errors
+/// When the run knows no objects by codes, or not so many; when its model is damaged.
+pub fn load_object(checkpoint: &Checkpoint, object: usize, device: &Device) -> Result<Box<dyn TrainedModel>> {
+    let config = ObjectsConfig::of_record(&checkpoint.header.method)?;
+    let Some(ObjectsConfig { encoder: EncoderConfig::Codes { objects }, .. }) = config else {
+        return Err(Error::NoCodes);
+    };
+    if object >= objects {
+        return Err(Error::NoSuchObject { object, objects });
+    }
+    Ok(model_of_field(ObjectModel::load(checkpoint, device)?.field_of_row(object)))
+}
+
+/// A network that is bound to an object.
+pub(crate) fn model_of_field(field: Conditioned) -> Box<dyn TrainedModel> {
+    use burn::module::Module;
+    let parameters = field.decoder().num_params();
+    Box::new(FieldModel::new(field, parameters, None))
+}

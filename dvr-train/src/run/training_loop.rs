@@ -1,0 +1,211 @@
+//! The loop of a run: steps, validations, checkpoints, until all is done or somebody says stop.
+
+use std::sync::atomic::Ordering;
+use std::time::Instant;
+
+use dvr_core::PointCloud;
+use dvr_render::{ViewMetrics, memory_excess};
+
+use super::best::Best;
+use super::chamfer_curve::ChamferCurve;
+use super::checkpoint::{Checkpoint, CheckpointHeader};
+use super::metrics_log::MetricsLog;
+use super::options::{RunOptions, RunOutcome, Stop};
+use crate::error::{Error, Result};
+use crate::learners::learner::Learner;
+use crate::learners::step_report::{READ_EVERY, StepReport};
+use crate::methods::method::{Method, Schedule};
+use crate::observer::Observer;
+use crate::resources::Resources;
+
+/// Steps between rows of `metrics.csv`.
+const LOG_EVERY: usize = READ_EVERY;
+
+/// Pixels that a validation during training looks at: with fewer, its noise would choose the best checkpoint.
+const VALIDATION_PIXELS: usize = 8192;
+
+/// A run that is under way.
+pub(crate) struct TrainingLoop<'r> {
+    method: &'r dyn Method,
+    schedule: Schedule,
+    options: &'r RunOptions<'r>,
+    start: Instant,
+    /// Wall seconds of earlier sessions.
+    seconds_before: f64,
+    /// What the next checkpoint says, but for its step and time.
+    header: CheckpointHeader,
+    log: MetricsLog,
+    curve: Option<ChamferCurve<'r>>,
+    /// Header and model of the best step of this session.
+    best: Option<(CheckpointHeader, Vec<u8>)>,
+    validation: Option<ViewMetrics>,
+}
+
+impl<'r> TrainingLoop<'r> {
+    /// A run that began at `start`; `header` is that of its checkpoints.
+    pub fn new(method: &'r dyn Method, header: CheckpointHeader, options: &'r RunOptions<'r>, start: Instant) -> Self {
+        Self {
+            method,
+            schedule: method.schedule(),
+            options,
+            start,
+            seconds_before: 0.0,
+            header,
+            log: MetricsLog::default(),
+            curve: None,
+            best: None,
+            validation: None,
+        }
+    }
+
+    /// Compares the shape with its truth at each validation, where that is known.
+    pub fn following(self, truth: Option<&'r PointCloud>) -> Self {
+        Self { curve: truth.map(|truth| ChamferCurve::new(truth, self.options.device.clone())), ..self }
+    }
+
+    /// Trains to the end.
+    pub fn run(
+        mut self,
+        learner: &mut dyn Learner,
+        resume_from: Option<&Checkpoint>,
+        observer: &mut dyn Observer,
+    ) -> Result<RunOutcome> {
+        if let Some(Checkpoint { header, state }) = resume_from {
+            learner.resume(state, header.step)?;
+            self.log = MetricsLog::resume(&self.options.folder.metrics_csv(), header.step)?;
+            (self.header.best, self.seconds_before) = (header.best, header.seconds);
+        }
+        observer.phase("training", learner.total_steps());
+        let mut stop = Stop::Done;
+        while learner.steps_done() < learner.total_steps() {
+            let report = learner.step()?;
+            let notes = learner.notes();
+            notes.iter().for_each(|note| observer.note(note));
+            self.header.notes.extend(notes);
+            stop = self.stop();
+            self.after_step(learner, &report, stop)?;
+            observer.progress(report.step, &self.message(&report));
+            if stop != Stop::Done {
+                break;
+            }
+            self.check_memory(learner, report.step)?;
+        }
+        self.outcome(learner, stop)
+    }
+
+    /// Wall seconds of training so far; the clock stands still while the shape is compared with the truth.
+    fn elapsed(&self) -> f64 {
+        self.seconds_before + self.start.elapsed().as_secs_f64() - self.measuring()[0]
+    }
+
+    /// Wall and CPU seconds of comparing the shape.
+    fn measuring(&self) -> [f64; 2] {
+        self.curve.as_ref().map_or([0.0; 2], ChamferCurve::spent)
+    }
+
+    /// Whether somebody or the clock ends the run.
+    fn stop(&self) -> Stop {
+        let Self { options, .. } = self;
+        match () {
+            () if options.interrupted.load(Ordering::Relaxed) => Stop::Interrupted,
+            () if options.time_limit.is_some_and(|limit| self.elapsed() >= limit.as_secs_f64()) => Stop::TimeLimit,
+            () => Stop::Done,
+        }
+    }
+
+    /// Validates, logs and stores, as far as it is time for that.
+    fn after_step(&mut self, learner: &dyn Learner, report: &StepReport, stop: Stop) -> Result<()> {
+        let step = report.step;
+        let ending = step >= learner.total_steps() || stop != Stop::Done;
+        let validate_now = step.is_multiple_of(self.schedule.validate_every) || (ending && stop != Stop::Interrupted);
+        if validate_now {
+            self.validation = learner.validate(VALIDATION_PIXELS);
+        }
+        if validate_now || step.is_multiple_of(LOG_EVERY) {
+            self.add_row(learner, report, validate_now)?;
+        }
+        if validate_now {
+            self.keep_best(learner, step)?;
+        }
+        if ending || step.is_multiple_of(self.schedule.checkpoint_every) {
+            self.save(learner)?;
+        }
+        Ok(())
+    }
+
+    /// Adds a row to the curves.
+    fn add_row(&mut self, learner: &dyn Learner, report: &StepReport, is_validated: bool) -> Result<()> {
+        let spent = [self.elapsed(), Resources::now().cpu_seconds - self.measuring()[1]];
+        let chamfer = match &mut self.curve {
+            Some(curve) if is_validated => Some(curve.chamfer_l1(self.method, learner)?),
+            _ => None,
+        };
+        self.log.push(report, spent, self.validation.as_ref().filter(|_| is_validated), chamfer);
+        Ok(())
+    }
+
+    /// Stores the step if its validation is better than all before.
+    fn keep_best(&mut self, learner: &dyn Learner, step: usize) -> Result<()> {
+        let (Some(figure), Some(found)) = (self.schedule.best, &self.validation) else { return Ok(()) };
+        let found = Best { step, psnr: found.psnr, mask_iou: found.mask_iou };
+        if self.header.best.is_none_or(|best| figure(&found) > figure(&best)) {
+            self.header.best = Some(found);
+            let checkpoint = self.checkpoint(learner)?;
+            checkpoint.save(&self.options.folder.best())?;
+            self.best = Some((checkpoint.header, checkpoint.state.model));
+        }
+        Ok(())
+    }
+
+    /// The checkpoint of this moment.
+    fn checkpoint(&self, learner: &dyn Learner) -> Result<Checkpoint> {
+        let header = CheckpointHeader { step: learner.steps_done(), seconds: self.elapsed(), ..self.header.clone() };
+        Ok(Checkpoint { header, state: learner.state()? })
+    }
+
+    /// Stores the last checkpoint and the curves.
+    fn save(&self, learner: &dyn Learner) -> Result<()> {
+        self.checkpoint(learner)?.save(&self.options.folder.last())?;
+        self.log.save(&self.options.folder.metrics_csv())
+    }
+
+    /// A line for people.
+    fn message(&self, report: &StepReport) -> String {
+        let held = self.validation.as_ref();
+        let held = held.map_or(String::new(), |v| format!("  held-out {:.2} dB, IoU {:.3}", v.psnr, v.mask_iou));
+        format!("loss {:.4}  IoU {:.3}{held}", report.loss, report.mask_iou)
+    }
+
+    /// Ends a run that holds more of a GPU's memory than it may.
+    fn check_memory(&self, learner: &dyn Learner, step: usize) -> Result<()> {
+        if step.is_multiple_of(READ_EVERY)
+            && let Some((bytes, allowed)) = memory_excess(&self.options.device)
+        {
+            self.save(learner)?;
+            return Err(Error::HeldMemory { step, bytes, allowed });
+        }
+        Ok(())
+    }
+
+    /// What stands for the run: the best step, or the last where nothing was validated or somebody interrupted.
+    fn outcome(mut self, learner: &dyn Learner, stop: Stop) -> Result<RunOutcome> {
+        let (steps, seconds) = (learner.steps_done(), self.elapsed());
+        if steps == 0 {
+            self.checkpoint(learner)?.save(&self.options.folder.last())?;
+        }
+        let (header, model) = match self.best.take() {
+            Some(best) if stop != Stop::Interrupted => best,
+            // Of an earlier session.
+            None if stop != Stop::Interrupted && self.header.best.is_some() => {
+                let Checkpoint { header, state } = Checkpoint::load(&self.options.folder.best())?;
+                (header, state.model)
+            }
+            _ => {
+                let header = CheckpointHeader { step: steps, seconds, ..self.header.clone() };
+                (header, learner.model()?)
+            }
+        };
+        let measuring_seconds = self.measuring();
+        Ok(RunOutcome { header, model, stop, steps, seconds, measuring_seconds, validation: self.validation })
+    }
+}
