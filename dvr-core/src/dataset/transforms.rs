@@ -122,44 +122,12 @@ fn find_frames(
     let transforms: Transforms = serde_json::from_slice(&read_bytes(file)?).map_err(|error| {
         Error::format(file, format!("not the JSON of a scene ({error})"), "Export the cameras again.")
     })?;
-    let in_list = |list: &Option<Vec<String>>, name: &String| list.as_ref().is_some_and(|list| list.contains(name));
     let mut missing = Vec::new();
     for frame in &transforms.frames {
-        let Some(image) = image_file(root, &frame.file_path) else {
-            missing.push(&frame.file_path);
-            continue;
-        };
-        let wrong = |problem: String, remedy: &str| {
-            Error::format(file, format!("frame `{}`: {problem}", frame.file_path), remedy)
-        };
-        let lens = frame.lens.or(&transforms.lens);
-        lens.check().map_err(|problem| wrong(problem, "Undistort the images (COLMAP's image_undistorter) first."))?;
-        let size = match lens.size() {
-            Some(size) => size,
-            None => image_size(&image)?,
-        };
-        let intrinsics = lens.intrinsics(size).ok_or_else(|| {
-            wrong("there is no focal length".to_owned(), "Give `fl_x` in pixels, or `camera_angle_x` in radians.")
-        })?;
-        let (rotation, translation) = world_to_camera(&frame.transform_matrix).ok_or_else(|| {
-            wrong(
-                "`transform_matrix` is no rotation with a translation".to_owned(),
-                "It must be 4x4 (or 3x4) numbers, camera to world, without stretch or mirror.",
-            )
-        })?;
-        let split = match () {
-            () if in_list(&transforms.test_filenames, &frame.file_path) => Split::Test,
-            () if in_list(&transforms.val_filenames, &frame.file_path) => Split::Val,
-            () => split,
-        };
-        let mask = match &frame.mask_path {
-            Some(path) => Some(image_file(root, path).ok_or_else(|| {
-                wrong(format!("its mask `{path}` is missing"), "Put the mask there, or remove `mask_path`.")
-            })?),
-            None => None,
-        };
-        let projection = Projection::from_parts(intrinsics, rotation, translation, Some(size));
-        views.push(RawView { name: String::new(), image, mask, depth: None, projection, split });
+        match image_file(root, &frame.file_path) {
+            Some(image) => views.push(view_of_frame(file, root, &transforms, frame, image, split)?),
+            None => missing.push(&frame.file_path),
+        }
     }
     if missing.len() == transforms.frames.len()
         && let Some(first) = missing.first()
@@ -179,6 +147,48 @@ fn find_frames(
         ));
     }
     Ok(())
+}
+
+/// The view of a frame whose picture is `image`; `split` is that of the file.
+fn view_of_frame(
+    file: &Path,
+    root: &Path,
+    transforms: &Transforms,
+    frame: &Frame,
+    image: PathBuf,
+    split: Split,
+) -> Result<RawView> {
+    let wrong =
+        |problem: String, remedy: &str| Error::format(file, format!("frame `{}`: {problem}", frame.file_path), remedy);
+    let lens = frame.lens.or(&transforms.lens);
+    lens.check().map_err(|problem| wrong(problem, "Undistort the images (COLMAP's image_undistorter) first."))?;
+    let size = match lens.size() {
+        Some(size) => size,
+        None => image_size(&image)?,
+    };
+    let intrinsics = lens.intrinsics(size).ok_or_else(|| {
+        wrong("there is no focal length".to_owned(), "Give `fl_x` in pixels, or `camera_angle_x` in radians.")
+    })?;
+    let (rotation, translation) = world_to_camera(&frame.transform_matrix).ok_or_else(|| {
+        wrong(
+            "`transform_matrix` is no rotation with a translation".to_owned(),
+            "It must be 4x4 (or 3x4) numbers, camera to world, without stretch or mirror.",
+        )
+    })?;
+    let is_in = |list: &Option<Vec<String>>| list.as_ref().is_some_and(|list| list.contains(&frame.file_path));
+    let split = match () {
+        () if is_in(&transforms.test_filenames) => Split::Test,
+        () if is_in(&transforms.val_filenames) => Split::Val,
+        () => split,
+    };
+    let mask = match &frame.mask_path {
+        Some(path) => Some(image_file(root, path).ok_or_else(|| {
+            wrong(format!("its mask `{path}` is missing"), "Put the mask there, or remove `mask_path`.")
+        })?),
+        None => None,
+    };
+    let projection = Projection::from_parts(intrinsics, rotation, translation, Some(size));
+    Ok(RawView { name: String::new(), image, mask, depth: None, projection, split })
 }
 
 /// The picture that `file_path` means, which may lack its extension.
