@@ -97,7 +97,7 @@ fn one_view_is_not_enough() {
 #[test]
 fn unknown_keys_and_values_out_of_range_are_named() {
     let tiny = Tiny::new();
-    refuses(&tiny.train("r", &["--set", "losses.colour=1"]), &["losses.colour", "color"]);
+    refuses(&tiny.train("r", &["--set", "losses.colour.weight=1"]), &["losses.colour", "color"]);
     refuses(&tiny.train("r", &["--set", "learning_rate=-1"]), &["learning_rate", "-1"]);
     refuses(&tiny.train("r", &["--set", "nonsense"]), &["KEY=VALUE"]);
     std::fs::write(tiny.path("c.json"), "{\"stepz\": 3}").unwrap();

@@ -1,6 +1,6 @@
-//! Where the time of a step of the fast method goes: `cargo bench -p dvr-grid --bench step [-- SCENE...]`.
+//! Where the time of a step of the grid method goes: `cargo bench -p dvr-grid --bench step [-- SCENE...]`.
 //!
-//! Prints a table for grids of 64, 128 and 256 cells: milliseconds a step of each part, and beside what streams
+//! Prints a table for grids of 64, 128 and 256 cells: milliseconds per step of each part, and beside what streams
 //! through memory the number of passes over the grid (each node read and written once) that would take as long at
 //! the bandwidth measured here.
 
@@ -25,7 +25,7 @@ fn main() {
     let threads = rayon::current_num_threads();
     let bandwidth = bandwidth();
     println!("{threads} threads, {:.1} GB/s read and written\n", bandwidth / 1e9);
-    println!("| scene | cells | parameters | step, ms | rays | gather | smoothness | levels | sign map |");
+    println!("| scene | cells | parameters | step, ms | rays | gather | smoothness | levels | occupancy |");
     println!("|---|---|---|---|---|---|---|---|---|");
     for path in &scenes {
         let scene = read_scene(path, &ReadOptions::default()).expect("the scene is readable");

@@ -61,7 +61,7 @@ impl ActiveNodes {
     /// When there are not as many values as nodes.
     pub fn near_surface(grid: &VoxelGrid, values: &[f32], reach: usize) -> Self {
         let nodes = grid.nodes();
-        assert_eq!(values.len(), grid.len(), "a value a node");
+        assert_eq!(values.len(), grid.len(), "a value per node");
         let strides = [1, nodes, nodes * nodes];
         let changes = |node: usize| {
             let inside = values[node] >= 0.0;
@@ -98,9 +98,9 @@ impl ActiveNodes {
     /// constant z.
     ///
     /// # Panics
-    /// When there are not so many numbers.
+    /// When there are not this many numbers.
     pub fn split_layers<'a>(&self, channels: usize, stored: &'a mut [f32]) -> Vec<&'a mut [f32]> {
-        assert_eq!(stored.len(), channels * self.count(), "{channels} numbers a node of the set");
+        assert_eq!(stored.len(), channels * self.count(), "{channels} numbers per node of the set");
         let mut rest = stored;
         let counts = self.before.windows(2).map(|pair| channels * (pair[1] - pair[0]));
         counts.map(|count| rest.split_off_mut(..count).unwrap_or_default()).collect()

@@ -2,14 +2,14 @@
 
 use std::time::{Duration, Instant};
 
-/// The parts of a step of the fast method, in their order.
+/// The parts of a step, in their order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Part {
     /// Rays meet the surface, and are compared with their pixels and with other views.
     Rays,
-    /// What the rays teach is added up at the nodes.
+    /// Ray gradients are added up at the nodes.
     Gather,
-    /// The regulariser: its value and its gradient.
+    /// The smoothness: its value and its gradient.
     LaplacianSmoothness,
     /// Gradients go to all levels, Adam moves them, and they are summed again.
     MultiResGrid,
@@ -23,7 +23,7 @@ impl Part {
         [Self::Rays, Self::Gather, Self::LaplacianSmoothness, Self::MultiResGrid, Self::OccupancyBitmask];
 }
 
-/// Wall time of each part, summed over steps. On a graphics processor, which does not tell them apart, all is counted
+/// Wall time of each part, summed over steps. On a GPU, which does not tell them apart, all is counted
 /// as [`Part::Rays`].
 #[derive(Clone, Copy, Debug, Default)]
 pub struct PartTimes {

@@ -1,4 +1,4 @@
-//! Numbers that training of fields on grids keeps to wherever it is carried out, on the processor or on a device.
+//! Numbers of a step that CPU and GPU share, besides those of the losses.
 
 /// Decay of Adam's running mean of the gradient.
 pub const BETA1: f32 = 0.9;
@@ -15,16 +15,3 @@ pub const MIN_COSINE: f32 = 0.15;
 
 /// Cells that a line of sight leaves the surface by before it is tested for occlusion.
 pub const CLEARANCE: f32 = 1.5;
-
-/// Nodes whose value is at most so many spacings from zero count as near the surface, where smoothness is measured.
-pub const NEAR: f32 = 2.0;
-
-/// Samples along the side of a patch that is compared between views.
-pub const PATCH_SIDE: usize = 3;
-
-/// Variance of brightness that noise alone may have: patches with less say nothing.
-pub const PATCH_NOISE: f32 = 1e-4;
-
-/// How much nearer or farther than the middle of a patch a sample may lie, as a factor: planes seen edge-on reach too
-/// far.
-pub const MAX_STRETCH: f32 = 1.15;

@@ -84,7 +84,7 @@ mod tests {
 
     use super::*;
 
-    /// The slow twin: the first of many samples that is not negative.
+    /// The slow reference: the first of many samples that is not negative.
     fn sampled(c: &Cubic, samples: usize) -> Option<f32> {
         (0..=samples).map(|i| i as f32 / samples as f32).find(|&t| evaluate(c, t) >= 0.0)
     }

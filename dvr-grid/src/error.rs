@@ -13,7 +13,7 @@ pub enum Error {
     #[error("`{key}` is {value}, it must be {range}")]
     OutOfRange {
         /// The key in the configuration.
-        key: &'static str,
+        key: String,
         /// Its value.
         value: String,
         /// What it may be.

@@ -4,7 +4,7 @@ use dvr_core::UnitCube;
 use serde::{Deserialize, Serialize};
 
 use crate::config::{Capacity, GridConfig};
-use crate::multires::MultiResGrid;
+use crate::multires::Grids;
 use dvr_core::ViewSplit;
 use dvr_render::ViewMetrics;
 
@@ -35,7 +35,7 @@ pub(crate) struct Growth {
     max_cells: usize,
     stages: usize,
     reached: Vec<Reached>,
-    kept: Option<(MultiResGrid<1>, MultiResGrid<3>)>,
+    kept: Option<Grids>,
     notes: Vec<String>,
 }
 
@@ -64,10 +64,10 @@ impl Growth {
     }
 
     /// Decides after a stage.
-    pub fn judge(&mut self, config: &GridConfig, now: Reached) -> Verdict {
+    pub fn decide(&mut self, config: &GridConfig, now: Reached) -> Verdict {
         let Reached { cells, parameters, bytes, held_out } = now;
-        let judged = held_out.map_or(String::new(), |h| format!(", held-out {:.2} dB, IoU {:.4}", h.psnr, h.mask_iou));
-        self.notes.push(format!("{cells} cells: {parameters} parameters in training, {bytes} bytes stored{judged}"));
+        let metrics = held_out.map_or(String::new(), |h| format!(", held-out {:.2} dB, IoU {:.4}", h.psnr, h.mask_iou));
+        self.notes.push(format!("{cells} cells: {parameters} parameters in training, {bytes} bytes stored{metrics}"));
         let before = self.reached.last().copied();
         self.reached.push(now);
         if config.max_bytes > 0 && bytes > config.max_bytes {
@@ -94,22 +94,22 @@ impl Growth {
     }
 
     /// Keeps a stage's result while the next one is tried.
-    pub fn keep(&mut self, shape: MultiResGrid<1>, color: MultiResGrid<3>) {
-        self.kept = Some((shape, color));
+    pub fn keep(&mut self, grids: Grids) {
+        self.kept = Some(grids);
     }
 
     /// The result of the stage before.
-    pub fn take_back(&mut self) -> Option<(MultiResGrid<1>, MultiResGrid<3>)> {
+    pub fn take_back(&mut self) -> Option<Grids> {
         self.kept.take()
     }
 
     /// The stages so far, and the result that may be taken back to.
-    pub fn history(&self) -> (&[Reached], Option<&(MultiResGrid<1>, MultiResGrid<3>)>) {
+    pub fn history(&self) -> (&[Reached], Option<&Grids>) {
         (&self.reached, self.kept.as_ref())
     }
 
     /// Takes up the history of an interrupted run.
-    pub fn resume(&mut self, reached: Vec<Reached>, kept: Option<(MultiResGrid<1>, MultiResGrid<3>)>) {
+    pub fn resume(&mut self, reached: Vec<Reached>, kept: Option<Grids>) {
         (self.reached, self.kept) = (reached, kept);
     }
 

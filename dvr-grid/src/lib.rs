@@ -3,8 +3,8 @@
 #![warn(missing_docs)]
 
 mod active;
-mod adam;
 mod clock;
+mod color;
 mod config;
 mod constants;
 mod cubic;
@@ -14,11 +14,13 @@ pub mod field;
 #[cfg(feature = "gpu")]
 mod gpu;
 mod growth;
-mod losses;
+pub mod losses;
 mod multires;
 mod occupancy;
-mod pyramid;
-mod smoothness;
+mod patch;
+mod pixel_order;
+mod refinement;
+mod report;
 mod start;
 mod state;
 mod step;
@@ -28,10 +30,12 @@ mod wrong_masks;
 
 pub use active::ActiveNodes;
 pub use clock::{Part, PartTimes};
-pub use config::{Capacity, DisagreeingViews, GridConfig, GridLosses};
+pub use config::{Capacity, DisagreeingViews, GridConfig};
 pub use error::{Error, Result};
 #[cfg(feature = "gpu")]
 pub use field::GpuGridField;
 pub use field::{GridField, GridValues, file as grid_file};
+pub use losses::GridLosses;
 pub use occupancy::OccupancyBitmask;
-pub use trainer::{GridTrainer, StepReport, TrainerState};
+pub use report::{StepReport, TrainerState};
+pub use trainer::GridTrainer;

@@ -33,7 +33,7 @@ impl OccupancyBitmask {
     /// When there are not as many values as nodes.
     pub fn new(grid: &VoxelGrid, values: &[f32]) -> Self {
         let (nodes, cells) = (grid.nodes(), grid.cells());
-        assert_eq!(values.len(), grid.len(), "a value a node");
+        assert_eq!(values.len(), grid.len(), "a value per node");
         let words = nodes.div_ceil(64);
         let mut inside = vec![0; words * nodes * nodes];
         inside.par_chunks_mut(words).zip(values.par_chunks(nodes)).with_min_len(nodes).for_each(|(bits, row)| {
@@ -56,7 +56,7 @@ impl OccupancyBitmask {
     /// When there are not as many values as nodes, or the nodes are another grid's.
     pub fn update(&mut self, values: &[f32], active: &ActiveNodes) {
         assert_eq!(active.grid(), &self.grid, "nodes of the same grid");
-        assert_eq!(values.len(), self.grid.len(), "a value a node");
+        assert_eq!(values.len(), self.grid.len(), "a value per node");
         let (nodes, words) = (self.grid.nodes(), self.words);
         self.inside.par_chunks_mut(words * nodes).enumerate().for_each(|(z, layer)| {
             for &(start, length) in active.layer(z) {
@@ -183,7 +183,7 @@ mod tests {
 
     use super::*;
 
-    /// The slow twin: thousands of samples along the ray.
+    /// The slow reference: thousands of samples along the ray.
     fn sampled(grid: &VoxelGrid, values: &[f32], origin: Vec3, direction: Vec3) -> Option<f32> {
         let walk = VoxelTraversal::new(grid, origin, direction, 0.0, f32::INFINITY)?;
         let (enter, leave) = walk.fold((f32::INFINITY, 0.0), |(a, _), s| (s.enter.min(a), s.leave));

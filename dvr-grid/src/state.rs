@@ -1,4 +1,4 @@
-//! What a fast run needs to go on: parameters and moments of all levels, as safetensors.
+//! What a run needs to go on: parameters and moments of all levels, as safetensors.
 
 use std::collections::HashMap;
 
@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
 use crate::growth::Reached;
-use crate::multires::MultiResGrid;
+use crate::multires::Grids;
 
 /// Key of the JSON among the container's metadata.
 const PROGRESS_KEY: &str = "progress";
@@ -34,18 +34,14 @@ pub(crate) const PRESENT: [&str; 2] = ["shape", "color"];
 pub(crate) const KEPT: [&str; 2] = ["kept_shape", "kept_color"];
 
 /// Everything as bytes.
-pub(crate) fn to_bytes(
-    progress: &Progress,
-    present: (&MultiResGrid<1>, &MultiResGrid<3>),
-    kept: Option<(&MultiResGrid<1>, &MultiResGrid<3>)>,
-) -> Result<Vec<u8>> {
+pub(crate) fn to_bytes(progress: &Progress, present: &Grids, kept: Option<&Grids>) -> Result<Vec<u8>> {
     let named = [(PRESENT, Some(present)), (KEPT, kept)];
     let mut tensors: Vec<(String, Vec<u8>)> = Vec::new();
     let mut add = |name: String, values: Vec<f32>| {
         tensors.push((name, values.iter().flat_map(|v| v.to_le_bytes()).collect()));
     };
-    for (names, levels) in named {
-        let Some((shape, color)) = levels else { continue };
+    for (names, grids) in named {
+        let Some(Grids { shape, color }) = grids else { continue };
         add(names[0].into(), shape.state());
         add(names[1].into(), color.state());
         for (name, learned) in [(names[0], shape.learned()), (names[1], color.learned())] {
@@ -66,12 +62,12 @@ pub(crate) fn progress(bytes: &[u8]) -> Result<Progress> {
     serde_json::from_str(text).map_err(broken)
 }
 
-/// Name of what stages before a on_frozen_base one learned.
+/// Name of what the stages before one on a frozen base learned.
 fn learned_name(name: &str) -> String {
     format!("{name}_learned")
 }
 
-/// What stages before a on_frozen_base one learned, of shape and colour; `None` where the levels are not on_frozen_base.
+/// What the stages before one on a frozen base learned, of shape and colour; `None` where there is no frozen base.
 pub(crate) fn learned(bytes: &[u8], names: [&str; 2]) -> Result<Option<(Vec<f32>, Vec<f32>)>> {
     let tensors = SafeTensors::deserialize(bytes).map_err(broken)?;
     let [shape, color] = names.map(|name| values(&tensors, &learned_name(name)).ok());
@@ -89,14 +85,10 @@ pub(crate) fn misfit() -> Error {
     broken("it is that of other masks or another configuration")
 }
 
-/// Puts the parameters back into levels of the same shapes.
-pub(crate) fn restore(
-    bytes: &[u8],
-    names: [&str; 2],
-    shape: &mut MultiResGrid<1>,
-    color: &mut MultiResGrid<3>,
-) -> Result<()> {
+/// Puts the parameters back into grids with the same nodes.
+pub(crate) fn restore(bytes: &[u8], names: [&str; 2], grids: &mut Grids) -> Result<()> {
     let tensors = SafeTensors::deserialize(bytes).map_err(broken)?;
+    let Grids { shape, color } = grids;
     let fits = shape.restore(&values(&tensors, names[0])?) && color.restore(&values(&tensors, names[1])?);
     if fits { Ok(()) } else { Err(misfit()) }
 }

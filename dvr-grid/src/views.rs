@@ -1,6 +1,5 @@
-//! Photographs as the fast trainer reads them: projections in f32, neighbours, and the pixels where they are.
+//! Photographs as the trainer reads them: projections in f32, neighbours, and the pixels where they are.
 
-use dvr_core::hull::MaskDistance;
 use dvr_core::{Mask, View};
 use glam::{Mat3, Vec2, Vec3};
 
@@ -119,15 +118,17 @@ impl<'a> TrainingView<'a> {
         self.to_direction.x_axis.length() * self.center.length()
     }
 
-    /// As a graphics processor knows it.
+    /// As kernels read it.
     #[cfg(feature = "gpu")]
-    pub fn photograph(&self) -> crate::gpu::Photograph {
-        crate::gpu::Photograph {
+    pub fn record(&self) -> crate::gpu::views::ViewRecord {
+        crate::gpu::views::ViewRecord {
             center: self.center.to_array(),
             to_direction: self.to_direction.to_cols_array(),
             projection: self.projection.to_cols_array(),
             offset: self.offset.to_array(),
-            size: [self.width, self.height],
+            width: self.width,
+            height: self.height,
+            first_pixel: 0,
         }
     }
 
@@ -199,69 +200,14 @@ fn color(pixel: [u8; 3]) -> Vec3 {
     Vec3::from(pixel.map(f32::from)) / 255.0
 }
 
-/// The pixels that have something to teach, in an order that visits each once before any twice.
-#[derive(Clone, Debug)]
-pub(crate) struct PixelOrder {
-    /// Runs of neighbouring pixels, view after view: how many pixels come before, view, index of the first pixel.
-    runs: Vec<(u64, u32, u32)>,
-    total: u64,
-    stride: u64,
-}
-
-impl PixelOrder {
-    /// Takes the pixels of each mask and those within `margin` pixels of it.
-    pub fn new(views: &[&View], masks: &[MaskDistance], margin: impl Fn(usize) -> f32) -> Self {
-        let (mut runs, mut total) = (Vec::new(), 0);
-        for (i, (view, mask)) in views.iter().zip(masks).enumerate() {
-            let (width, height) = view.image.dimensions();
-            let margin = margin(i);
-            let near = |&index: &u32| {
-                let (u, v) = (index % width, index / width);
-                view.is_training_object(u, v) || mask.of_pixel(u, v) > -margin
-            };
-            let mut expected = None;
-            for index in (0..width * height).filter(near) {
-                if expected != Some(index) {
-                    runs.push((total, i as u32, index));
-                }
-                expected = Some(index + 1);
-                total += 1;
-            }
+/// Mean colour of the object's pixels, where colours start.
+pub(crate) fn mean_object_color(views: &[&View]) -> Vec3 {
+    let (mut sum, mut count) = (glam::DVec3::ZERO, 0usize);
+    for view in views {
+        for (_, _, pixel) in view.image.enumerate_pixels().filter(|(u, v, _)| view.is_training_object(*u, *v)) {
+            sum += glam::DVec3::from(pixel.0.map(f64::from)) / 255.0;
+            count += 1;
         }
-        Self { runs, total, stride: coprime_near(0.618_034 * total as f64, total) }
     }
-
-    /// Whether there are none.
-    pub fn is_empty(&self) -> bool {
-        self.total == 0
-    }
-
-    /// The view and pixel index that come `count`th; `seed` shifts each pass through the pixels.
-    pub fn pick(&self, count: u64, seed: u64) -> (u32, u32) {
-        let total = self.total;
-        let (pass, within) = (count / total, count % total);
-        let shift = mix(seed ^ pass.wrapping_mul(0x9e37_79b9_7f4a_7c15)) % total;
-        let index = ((u128::from(within) * u128::from(self.stride) + u128::from(shift)) % u128::from(total)) as u64;
-        let (before, view, first) = self.runs[self.runs.partition_point(|&(before, ..)| before <= index) - 1];
-        (view, first + (index - before) as u32)
-    }
-}
-
-/// The number near `wanted` that has no factor in common with `total`.
-fn coprime_near(wanted: f64, total: u64) -> u64 {
-    let gcd = |mut a: u64, mut b: u64| {
-        while b > 0 {
-            (a, b) = (b, a % b);
-        }
-        a
-    };
-    (wanted as u64..).find(|&n| gcd(n.max(1), total.max(1)) == 1).unwrap_or(1).max(1)
-}
-
-/// A hash whose outputs look random (Steele et al. 2014, SplitMix64).
-pub(crate) fn mix(seed: u64) -> u64 {
-    let mut z = seed.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    z = (z ^ z >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
-    z ^ z >> 31
+    (sum / count.max(1) as f64).as_vec3()
 }

@@ -65,10 +65,10 @@ mod tests {
             assert_eq!((defaults.preset.as_str(), defaults.changed.len()), (name, 0));
         }
         let mut changed =
-            settings("grid", json!({"seed": 7, "capacity": {"cells": 64}, "losses": {"mask": 3.0}})).changed;
+            settings("grid", json!({"seed": 7, "capacity": {"cells": 64}, "losses": {"mask": {"weight": 3.0}}})).changed;
         changed.sort();
         let keys: Vec<&str> = changed.iter().map(|[key, ..]| key.as_str()).collect();
-        assert_eq!(keys, ["capacity", "losses.mask", "seed"]);
+        assert_eq!(keys, ["capacity", "losses.mask.weight", "seed"]);
         assert_eq!(changed[1][1..], ["3.0", "10.0"]);
         let own = MethodRecord { method: "fourier".into(), config: json!({"rays": 3}) };
         assert!(Settings::new(&own, Supervision::Rgb).unwrap().changed.is_empty());

@@ -60,7 +60,7 @@ pub struct TrainArgs {
     /// JSON file with configuration values that replace the defaults, or a YAML configuration of DVR's reference code
     #[arg(long, value_name = "FILE", help_heading = "Training")]
     pub config: Option<PathBuf>,
-    /// Set a configuration value, e.g. --set losses.smoothness=1; repeatable
+    /// Set a configuration value, e.g. --set losses.smoothness.weight=1; repeatable
     #[arg(long, value_name = "KEY=VALUE", help_heading = "Training")]
     pub set: Vec<String>,
     /// Print the configuration as JSON and exit

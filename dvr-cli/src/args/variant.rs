@@ -28,7 +28,7 @@ impl Variant {
 /// Reads `name:key=value,key=value`; the key `method` names the method, `grid` by default. Commas within brackets belong
 /// to the value.
 pub(super) fn parse_variant(text: &str) -> Result<Variant, String> {
-    let error = || format!("{text:?} is not a variant; write NAME:KEY=VALUE, e.g. smooth:losses.smoothness=9");
+    let error = || format!("{text:?} is not a variant; write NAME:KEY=VALUE, e.g. smooth:losses.smoothness.weight=9");
     let (name, settings) = text.split_once(':').ok_or_else(error)?;
     let mut settings = split_settings(settings);
     let sound = !name.is_empty() && name.chars().all(|c| c.is_alphanumeric() || "-_".contains(c));
@@ -73,7 +73,7 @@ mod tests {
 
     #[test]
     fn a_variant_has_a_name_a_method_and_settings() {
-        let variant = parse_variant("rough:losses.smoothness=0,rays=99").unwrap();
+        let variant = parse_variant("rough:losses.smoothness.weight=0,rays=99").unwrap();
         assert_eq!((variant.name.as_str(), variant.method.as_str(), variant.settings.len()), ("rough", "grid", 2));
         let variant = parse_variant(r#"few:method=classic,march=[{"from_percent":0,"samples":16}],rays=9"#).unwrap();
         assert_eq!((variant.method.as_str(), variant.settings.len()), ("classic", 2), "{variant:?}");

@@ -1,4 +1,4 @@
-//! The first upward zero crossing of a cubic, inside a kernel: the twin of `crate::cubic`.
+//! The first upward zero crossing of a cubic, inside a kernel: the counterpart of `crate::cubic`.
 
 #![allow(missing_docs)]
 

@@ -1,12 +1,14 @@
-//! What rays see of a field on grids, and what it is at points, inside a kernel: the twin of
-//! `dvr_model::GridField`.
+//! What rays see of a field on grids, and what it is at points, inside a kernel: the
+//! counterpart of `GridField`.
 
 #![allow(missing_docs)]
 
 use cubecl::prelude::*;
 
-use super::space::{Grid, Point, grid};
-use super::walk::{FAR, Region, first_crossing};
+use crate::color::gpu::sample;
+
+use super::traversal::{FAR, Region, first_crossing};
+use super::voxel::{Grid, Point, grid};
 
 /// Numbers of a ray: origin and direction.
 pub const RAY_COLUMNS: usize = 6;
@@ -28,22 +30,11 @@ fn write(point: &Point, numbers: &mut [f32], at: usize) {
     numbers[at + 2] = point.z;
 }
 
-/// sRGB colour at a point, in `[0, 1]`.
+/// sRGB colour at a point seen along `viewing`, in `[0, 1]`.
 #[cube]
-fn color_at(colors: &[f32], grid: &Grid, point: &Point) -> Point {
-    let cell = grid.locate(point);
-    let mut red = 0.0f32;
-    let mut green = 0.0f32;
-    let mut blue = 0.0f32;
-    #[unroll]
-    for corner in 0..8usize {
-        let node = grid.corner(cell.node, corner) * 3;
-        let weight = cell.weight(corner);
-        red += weight * colors[node];
-        green += weight * colors[node + 1];
-        blue += weight * colors[node + 2];
-    }
-    Point::new(red.clamp(0.0f32, 1.0f32), green.clamp(0.0f32, 1.0f32), blue.clamp(0.0f32, 1.0f32))
+fn color_at(colors: &[f32], grid: &Grid, point: &Point, viewing: &Point) -> Point {
+    let color = sample(colors, grid, point, viewing).color;
+    Point::new(color.x.clamp(0.0f32, 1.0f32), color.y.clamp(0.0f32, 1.0f32), color.z.clamp(0.0f32, 1.0f32))
 }
 
 /// What rays see, a work-item a ray.
@@ -68,7 +59,7 @@ pub(crate) fn shade(
         shaded[at] = depth;
         if depth >= 0.0f32 {
             let place = origin.along(&direction, depth);
-            write(&color_at(colors, &grid(color_nodes, color_half_extent), &place), shaded, at + 1);
+            write(&color_at(colors, &grid(color_nodes, color_half_extent), &place, &direction), shaded, at + 1);
             let gradient = region.grid().slope(values, &place).gradient;
             let length = gradient.length();
             // Where the field is flat there is no normal.
@@ -99,11 +90,12 @@ pub(crate) fn values_at(
     }
 }
 
-/// Colours at points, three numbers each.
+/// Colours at points, three numbers each, seen from nowhere in particular.
 #[cube(launch)]
 pub(crate) fn colors_at(points: &[f32], colors: &[f32], found: &mut [f32], nodes: u32, half_extent: f32, count: u32) {
     let index = ABSOLUTE_POS;
     if index < count as usize {
-        write(&color_at(colors, &grid(nodes, half_extent), &point(points, index * 3)), found, index * 3);
+        let viewing = Point::new(0.0f32, 0.0f32, 0.0f32);
+        write(&color_at(colors, &grid(nodes, half_extent), &point(points, index * 3), &viewing), found, index * 3);
     }
 }

@@ -1,10 +1,10 @@
-//! Which cells rays need not look at, a bit each: the twin of `dvr_grid::OccupancyBitmask`.
+//! The occupancy bitmask, which cells rays need not look at, inside kernels: the counterpart of `crate::occupancy`.
 
 #![allow(missing_docs)]
 
 use cubecl::prelude::*;
 
-/// Words a row of nodes.
+/// Words per row of nodes.
 #[cube]
 pub(crate) fn words(nodes: u32) -> u32 {
     (nodes - 1u32) / 32u32 + 1u32
@@ -54,4 +54,10 @@ fn any(inside: &[u32], word: u32, y: u32, z: u32, nodes: u32, words: u32) -> u32
         | inside[(first + words) as usize]
         | inside[above as usize]
         | inside[(above + words) as usize]
+}
+
+/// Whether each node is not negative, a bit each, in rows of whole words.
+pub(crate) fn bits(nodes: usize, values: &[f32]) -> Vec<u32> {
+    let rows = values.chunks(nodes).flat_map(|row| row.chunks(32));
+    rows.map(|run| run.iter().zip(0..).fold(0, |word, (value, bit)| word | u32::from(*value >= 0.0) << bit)).collect()
 }

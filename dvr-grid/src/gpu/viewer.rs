@@ -1,20 +1,18 @@
-//! A finished field on grids, kept on a device to be looked at.
+//! A finished field on grids, kept on a device to be rendered.
 
 use burn::backend::DispatchDevice;
 use burn::tensor::{Device, IntDType};
 use cubecl::prelude::*;
 
-use super::gather::UNITS;
-use super::levels::groups;
+use super::launch::{groups, units};
 use super::look::{self, RAY_COLUMNS, SHADED_COLUMNS};
-use super::occupancy;
-use super::stage::{bits, region};
-use super::walk::RegionLaunch;
+use super::occupancy::{self, bits};
+use super::traversal::{RegionLaunch, region};
 use dvr_gpu::DeviceError;
 use dvr_gpu::rows_at_once;
 use dvr_gpu::{Buffer, Buffers};
 
-/// Values at the nodes of a grid over `[-half_extent, half_extent]^3`, x fastest, some numbers a node.
+/// Values at the nodes of a grid over `[-half_extent, half_extent]^3`, x fastest, some numbers per node.
 #[derive(Clone, Copy, Debug)]
 pub struct NodeValues<'a> {
     /// Nodes along an edge.
@@ -41,10 +39,10 @@ pub struct GpuGridView {
 }
 
 impl GpuGridView {
-    /// Brings a shape, one number a node, and its colours, three a node, to a device.
+    /// Brings a shape, one number per node, and its colours, three per node, to a device.
     ///
     /// # Errors
-    /// When it is no graphics processor, or they are too large for it.
+    /// When it is no GPU, or they are too large for it.
     pub fn new(device: &Device, shape: NodeValues, color: NodeValues) -> Result<Self, DeviceError> {
         let DispatchDevice::Cube(cube) = device.clone().inner().as_dispatch().clone() else {
             return Err(DeviceError::NoGpu);
@@ -57,7 +55,7 @@ impl GpuGridView {
         occupancy::mark::launch(
             &buffers.client,
             groups(&buffers.client, words),
-            CubeDim::new_1d(UNITS as u32),
+            units(),
             inside.into_buffer_arg(),
             marks.clone().into_buffer_arg(),
             nodes as u32,
@@ -87,7 +85,6 @@ impl GpuGridView {
     /// # Errors
     /// When the device fails.
     pub fn shade(&self, rays: &[[f32; RAY_COLUMNS]]) -> Result<Vec<[f32; SHADED_COLUMNS]>, DeviceError> {
-        let [[low_x, low_y, low_z], [high_x, high_y, high_z]] = self.region;
         self.in_pieces("rays", rays, |client, groups, cube, rays, shaded, count| {
             look::shade::launch(
                 client,
@@ -98,7 +95,7 @@ impl GpuGridView {
                 self.marks.clone().into_buffer_arg(),
                 self.colors.clone().into_buffer_arg(),
                 shaded,
-                RegionLaunch::new(self.nodes[0], self.half_extent[0], low_x, low_y, low_z, high_x, high_y, high_z),
+                RegionLaunch::of(self.nodes[0], self.half_extent[0], self.region),
                 self.nodes[1],
                 self.half_extent[1],
                 count,
@@ -174,7 +171,7 @@ impl GpuGridView {
         for piece in rows.chunks(rows_at_once(4 * (I + O) as u64)) {
             let asked = self.buffers.floats(what, piece.as_flattened().to_vec())?;
             let found = self.buffers.zero_floats(what, O * piece.len())?;
-            let (groups, cube) = (groups(client, piece.len()), CubeDim::new_1d(UNITS as u32));
+            let (groups, cube) = (groups(client, piece.len()), units());
             launch(client, groups, cube, asked.into_buffer_arg(), found.clone().into_buffer_arg(), piece.len() as u32);
             let words = self.buffers.read(&[&found])?.into_iter().flatten();
             let numbers: Vec<f32> = words.map(f32::from_bits).collect();

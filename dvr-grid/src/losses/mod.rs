@@ -1,3 +1,75 @@
-//! Losses.
+//! The terms of the loss, one file each, and the one list of them.
+//!
+//! The list makes the configuration ([`GridLosses`]), the sums of a step ([`LossSums`]), the columns of a ray's record
+//! on a GPU ([`RayLosses`]), the names of the report ([`NAMES`]), and what evaluates the terms on CPU and GPU. To add
+//! a term: write its file, with the trait of its kind and its kernel function, and enter it here.
 
-pub(crate) mod patch;
+use serde::{Deserialize, Serialize};
+
+use crate::error::{Error, Result};
+use crate::views::TrainingView;
+use term::{Comparison, CrossViewTerm, LossTerm, SilhouetteTerm, SurfaceGradient, SurfaceHit, SurfaceTerm};
+
+#[macro_use]
+mod list;
+
+mod color;
+mod depth;
+mod detached_color;
+mod mask;
+mod patch_ncc;
+mod photo_consistency;
+pub(crate) mod smoothness;
+pub(crate) mod term;
+
+pub use color::ColorLoss;
+pub use depth::DepthLoss;
+pub use detached_color::DetachedColorLoss;
+pub use mask::MaskLoss;
+pub use patch_ncc::PatchNccLoss;
+pub use photo_consistency::PhotoConsistencyLoss;
+pub use smoothness::SmoothnessLoss;
+
+loss_terms! {
+    // The ray of an object pixel hits: the colour there.
+    appearance {
+        color: ColorLoss,
+        detached_color: DetachedColorLoss,
+    }
+    // The same, in other views; means over those.
+    cross_view {
+        photo_consistency: PhotoConsistencyLoss,
+        patch_ncc: PatchNccLoss,
+    }
+    // The same: where the hit lies.
+    geometry {
+        depth: DepthLoss,
+    }
+    // Hit and mask do not agree.
+    silhouette {
+        mask: MaskLoss,
+    }
+    // Not of rays: means over the nodes near the surface, each with kernels of its own.
+    nodes {
+        smoothness: SmoothnessLoss,
+    }
+}
+
+/// Checks the numbers of a term.
+fn check(name: &str, term: &impl LossTerm) -> Result<()> {
+    let weight = ("weight", term.weight(), 0.0..=f64::MAX);
+    for (parameter, value, range) in std::iter::once(weight).chain(term.parameters()) {
+        if !range.contains(&value) {
+            let range = match *range.end() {
+                f64::MAX => format!("at least {}", range.start()),
+                end => format!("from {} to {end}", range.start()),
+            };
+            return Err(Error::OutOfRange {
+                key: format!("losses.{name}.{parameter}"),
+                value: value.to_string(),
+                range,
+            });
+        }
+    }
+    Ok(())
+}

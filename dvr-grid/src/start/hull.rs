@@ -1,7 +1,7 @@
-//! Where a fast run starts: the visual hull as a distance at the nodes of a grid.
+//! Where a run starts: the visual hull as a distance at the nodes of a grid.
 
 use crate::active::ActiveNodes;
-use crate::pyramid;
+use crate::multires::prolong_add;
 use dvr_core::hull::{MaskDistance, hull_distance};
 use dvr_core::voxel::VoxelGrid;
 use rayon::prelude::*;
@@ -14,7 +14,7 @@ const REACH: f32 = 0.1;
 /// Cells around the hull in which the surface may move.
 const BAND_CELLS: f32 = 2.5;
 
-/// Adds to `values` what the hull's distance at the active nodes has more to tell than what is interpolated of it from
+/// Adds to `values` what the hull's distance at the active nodes adds to what is interpolated of it from
 /// every second node: the detail of outlines, for values that come from a grid of half the cells.
 pub(crate) fn add_hull_detail(masks: &[MaskDistance], active: &ActiveNodes, disagreeing: usize, values: &mut [f32]) {
     let distances = |active: &ActiveNodes| {
@@ -27,7 +27,7 @@ pub(crate) fn add_hull_detail(masks: &[MaskDistance], active: &ActiveNodes, disa
         distances
     };
     let mut interpolated = vec![0.0; values.len()];
-    pyramid::prolong_add::<1>(&distances(&active.coarser()), &mut interpolated, active);
+    prolong_add::<1>(&distances(&active.coarser()), &mut interpolated, active);
     let exact = distances(active);
     active.iter().for_each(|node| values[node] += exact[node] - interpolated[node]);
 }

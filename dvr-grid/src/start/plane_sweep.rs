@@ -11,6 +11,7 @@ use dvr_core::voxel::VoxelGrid;
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
+use crate::patch::CenteredPatch;
 use crate::views::TrainingView;
 
 /// Half the side of the patches that are compared, pixels of the shrunk pictures.
@@ -48,7 +49,7 @@ pub(crate) struct SpaceCarving {
 }
 
 impl SpaceCarving {
-    /// Sweeps about so many pixels, spread evenly over the views; `hull` holds the hull's distance at the nodes of
+    /// Sweeps about this many pixels, spread evenly over the views; `hull` holds the hull's distance at the nodes of
     /// `grid`, positive inside. `None` where nothing is carved, and where there are few views.
     pub fn sweep(views: &[TrainingView], grid: &VoxelGrid, hull: &[f32], pixels: usize) -> Option<Self> {
         if views.len() < MIN_VIEWS {
@@ -126,31 +127,20 @@ impl Shrunk {
             return None;
         }
         let side = 2 * HALF + 1;
-        ColorPatch::new(|i| self.colors[(y + i / side - HALF) * self.width + x + i % side - HALF])
+        color_patch(|i| self.colors[(y + i / side - HALF) * self.width + x + i % side - HALF])
     }
 }
 
-/// Colours less their mean.
-struct ColorPatch {
-    values: [f32; VALUES],
-    variance: f32,
-}
+/// Colours less the mean of each channel, side by side.
+type ColorPatch = CenteredPatch<VALUES>;
 
-impl ColorPatch {
-    /// `None` where one of the samples is no colour.
-    fn new(sample: impl Fn(usize) -> Vec3) -> Option<Self> {
-        let mut colors: [Vec3; SAMPLES] = std::array::from_fn(sample);
-        let mean = colors.iter().sum::<Vec3>() / SAMPLES as f32;
-        colors.iter_mut().for_each(|color| *color -= mean);
-        let values: [f32; VALUES] = std::array::from_fn(|i| colors[i / 3][i % 3]);
-        let variance = values.iter().map(|value| value * value).sum::<f32>() / VALUES as f32;
-        variance.is_finite().then_some(Self { values, variance })
-    }
-
-    fn correlation(&self, other: &Self) -> f32 {
-        let product: f32 = self.values.iter().zip(&other.values).map(|(a, b)| a * b).sum();
-        product / (VALUES as f32 * (self.variance * other.variance).sqrt().max(1e-9))
-    }
+/// `None` where one of the samples is no colour.
+fn color_patch(sample: impl Fn(usize) -> Vec3) -> Option<ColorPatch> {
+    let mut colors: [Vec3; SAMPLES] = std::array::from_fn(sample);
+    let mean = colors.iter().sum::<Vec3>() / SAMPLES as f32;
+    colors.iter_mut().for_each(|color| *color -= mean);
+    let patch = CenteredPatch::of_centered(std::array::from_fn(|i| colors[i / 3][i % 3]));
+    patch.variance.is_finite().then_some(patch)
 }
 
 /// Z-depths that a view is sure of, one in `stride` by `stride` pixels of its shrunk picture; no number elsewhere.
@@ -239,8 +229,8 @@ impl Sweep<'_> {
             if sample(SAMPLES / 2).is_nan() {
                 continue;
             }
-            let Some(seen) = ColorPatch::new(sample) else { continue };
-            let found = patch.correlation(&seen);
+            let Some(seen) = color_patch(sample) else { continue };
+            let found = patch.correlation(&seen, 0.0);
             if found > best[0] {
                 best = [found, best[0]];
             } else {

@@ -76,7 +76,7 @@ impl Method for GridMethod {
     }
 
     fn needs(&self) -> Needs {
-        Needs { depth: self.config.losses.depth > 0.0, sparse_points: false }
+        Needs { depth: self.config.losses.depth.weight > 0.0, sparse_points: false }
     }
 
     fn start<'a>(&self, start: Start<'a, '_>) -> Result<Box<dyn Learner + 'a>> {

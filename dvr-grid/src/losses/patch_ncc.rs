@@ -1,0 +1,301 @@
+//! Patch NCC: one less the normalised cross-correlation of a patch around the pixel with its projection to other views.
+//!
+//! `L = weight * mean_v (1 - NCC(P, P_v))`: 3x3 samples around the pixel are carried by the tangent plane of the surface
+//! at the hit to the other view, and their brightnesses compared (as in Geo-Neus, Fu et al. 2022, and PGSR, Chen et al.
+//! 2024, with the plane's homography written as points on the plane). It is blind to exposure, and to what has no
+//! texture. The gradient takes the plane's normal for fixed: the patch moves along the
+//! pixel's ray, parallel to itself.
+
+use std::ops::RangeInclusive;
+
+use glam::Vec3;
+use serde::{Deserialize, Serialize};
+
+use super::term::{Comparison, CrossViewTerm, LossTerm, SurfaceHit};
+use crate::patch::CenteredPatch;
+use crate::views::TrainingView;
+
+/// Samples along the side of a patch, and all.
+const SIDE: usize = 3;
+const SAMPLES: usize = SIDE * SIDE;
+
+/// Variance of brightness that noise alone may have: patches with less say nothing.
+const NOISE: f32 = 1e-4;
+
+/// How much nearer or farther than the middle of a patch a sample may lie, as a factor: planes seen edge-on reach too
+/// far.
+const MAX_STRETCH: f32 = 1.15;
+
+/// Most pixels between the samples of a patch.
+const MAX_STRIDE: f64 = 64.0;
+
+/// One less the normalised cross-correlation of a patch around the pixel with its projection, by the plane of the
+/// surface, to other views. Blind to exposure and to what has no texture.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct PatchNccLoss {
+    /// Weight of the mean over rays and the views they are compared with.
+    pub weight: f64,
+    /// Patches less correlated than this are taken for occlusion, and ignored.
+    pub min_correlation: f64,
+    /// Pixels between the samples of a patch of 3x3.
+    pub stride: u32,
+}
+
+impl Default for PatchNccLoss {
+    fn default() -> Self {
+        Self { weight: 1.0, min_correlation: 0.3, stride: 1 }
+    }
+}
+
+impl LossTerm for PatchNccLoss {
+    fn weight(&self) -> f64 {
+        self.weight
+    }
+
+    fn parameters(&self) -> Vec<(&'static str, f64, RangeInclusive<f64>)> {
+        vec![
+            ("min_correlation", self.min_correlation, -1.0..=1.0),
+            ("stride", f64::from(self.stride), 1.0..=MAX_STRIDE),
+        ]
+    }
+
+    #[cfg(test)]
+    fn for_tests() -> Self {
+        Self { weight: 1.0, min_correlation: -1.0, stride: 1 }
+    }
+
+    /// The surface turns a little as the point moves on it; the gradient takes its plane for fixed.
+    #[cfg(test)]
+    fn slack() -> f64 {
+        0.2
+    }
+}
+
+impl CrossViewTerm for PatchNccLoss {
+    type Prepared = Patch;
+
+    fn prepare(&self, own: &TrainingView, hit: &SurfaceHit) -> Option<Patch> {
+        Patch::on_plane(own, hit.pixel.pixel, self.stride, hit.origin, hit.point, hit.inward)
+    }
+
+    fn compare(&self, patch: &Patch, _hit: &SurfaceHit, other: &Comparison, grad_depth: &mut f32) -> f64 {
+        match patch.compare(other.view) {
+            Some(found) if found.correlation > self.min_correlation as f32 => {
+                *grad_depth -= self.weight as f32 * found.derivative;
+                f64::from(1.0 - found.correlation)
+            }
+            _ => 0.0,
+        }
+    }
+}
+
+/// Brightnesses around a pixel, and the points of the surface's tangent plane that they are seen at.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Patch {
+    points: [Vec3; SAMPLES],
+    /// How they move on their rays as the plane moves along the middle one.
+    motions: [Vec3; SAMPLES],
+    brightness: CenteredPatch<SAMPLES>,
+}
+
+/// How alike two patches are, and how that changes as the surface moves along the ray.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Likeness {
+    /// Normalised cross-correlation, in `[-1, 1]`.
+    correlation: f32,
+    derivative: f32,
+}
+
+impl Patch {
+    /// The patch around `pixel` of `view`, whose camera is at `origin`, on the plane through `point` with this normal
+    /// (of either sign); `None` at the object's outline and where the plane is seen edge-on.
+    fn on_plane(
+        view: &TrainingView,
+        [u, v]: [u32; 2],
+        stride: u32,
+        origin: Vec3,
+        point: Vec3,
+        normal: Vec3,
+    ) -> Option<Self> {
+        let (mut points, mut motions, mut brightness) = ([Vec3::ZERO; SAMPLES], [Vec3::ZERO; SAMPLES], [0.0; SAMPLES]);
+        let height = normal.dot(point - origin);
+        let slope = normal.dot(view.direction(u, v));
+        let depth = height / slope;
+        for i in 0..SAMPLES {
+            let (du, dv) = ((i % SIDE) as u32 * stride, (i / SIDE) as u32 * stride);
+            let (u, v) = ((u + du).checked_sub(stride)?, (v + dv).checked_sub(stride)?);
+            brightness[i] = view.brightness(u, v)?;
+            let direction = view.direction(u, v);
+            let ray_depth = height / normal.dot(direction);
+            let stretch = ray_depth / depth;
+            if !(stretch < MAX_STRETCH && stretch * MAX_STRETCH > 1.0) {
+                return None;
+            }
+            points[i] = origin + ray_depth * direction;
+            motions[i] = slope / normal.dot(direction) * direction;
+        }
+        Some(Self { points, motions, brightness: CenteredPatch::new(brightness) })
+    }
+
+    /// Compares with what another view shows at the same points; `None` where it does not show all of them.
+    fn compare(&self, view: &TrainingView) -> Option<Likeness> {
+        let (mut seen, mut moves) = ([0.0; SAMPLES], [0.0; SAMPLES]);
+        for i in 0..SAMPLES {
+            let at = view.reproject(self.points[i], self.motions[i])?;
+            seen[i] = at.color.element_sum() / 3.0;
+            moves[i] = at.derivative.element_sum() / 3.0;
+        }
+        let seen = CenteredPatch::new(seen);
+        let correlation = self.brightness.correlation(&seen, NOISE);
+        // With centred values, derivatives need not be centred: their mean falls out of the sums.
+        let derivative = self.brightness.mean_product(&moves) / self.brightness.scale(&seen, NOISE)
+            - correlation * seen.mean_product(&moves) / (seen.variance + NOISE);
+        Some(Likeness { correlation, derivative })
+    }
+}
+
+/// The same inside kernels.
+#[cfg(feature = "gpu")]
+pub(crate) mod gpu {
+    #![allow(missing_docs)]
+
+    use cubecl::prelude::*;
+
+    use super::super::term::gpu::{PixelRay, SurfaceHit};
+    use super::{MAX_STRETCH, NOISE, PatchNccLoss, SAMPLES, SIDE};
+    use crate::gpu::views::{Photo, Seen, color, is_object};
+    use crate::gpu::voxel::Point;
+
+    #[derive(CubeLaunch, CubeType, Clone, Copy)]
+    pub(crate) struct Weights {
+        pub weight: f32,
+        pub min_correlation: f32,
+        pub stride: u32,
+    }
+
+    impl PatchNccLoss {
+        pub(crate) fn launch(&self) -> WeightsLaunch {
+            WeightsLaunch {
+                weight: self.weight as f32,
+                min_correlation: self.min_correlation as f32,
+                stride: self.stride,
+            }
+        }
+    }
+
+    /// Brightnesses around a pixel, on the plane that its ray meets.
+    #[derive(CubeType)]
+    pub(crate) struct Prepared {
+        /// Whether the object and the plane can be seen in all samples.
+        is_whole: bool,
+        normal: Point,
+        /// The plane's distance from the camera along its normal, and how fast the normal is approached on the middle
+        /// ray.
+        height: f32,
+        slope: f32,
+        /// Less their mean.
+        brightness: Array<f32>,
+        variance: f32,
+    }
+
+    #[cube]
+    pub(crate) fn prepare(
+        weights: &Weights,
+        views: &[u32],
+        pixels: &[u32],
+        pixel: &PixelRay,
+        hit: &SurfaceHit,
+    ) -> Prepared {
+        let (own, normal, stride) = (&pixel.view, &hit.inward, weights.stride);
+        let height = normal.dot(&hit.point.minus(&pixel.origin));
+        let slope = normal.dot(&pixel.direction);
+        let depth = height / slope;
+        let mut brightness = Array::<f32>::new(SAMPLES);
+        let mut is_whole = weights.weight > 0.0f32;
+        for i in 0..SAMPLES {
+            let column = pixel.u + (i as u32 % SIDE as u32) * stride;
+            let row = pixel.v + (i as u32 / SIDE as u32) * stride;
+            let within = column >= stride && row >= stride && column - stride < own.width && row - stride < own.height;
+            // Out of the frame, the pixel itself stands in.
+            let x = select(within, column - stride, pixel.u);
+            let y = select(within, row - stride, pixel.v);
+            let shown = pixels[own.index(x, y)];
+            brightness[i] = color(shown).sum() / 3.0f32;
+            let stretch = height / normal.dot(&own.direction(views, x, y)) / depth;
+            let is_near = stretch < MAX_STRETCH && stretch * MAX_STRETCH > 1.0f32;
+            is_whole = is_whole && within && is_object(shown) && is_near;
+        }
+        let variance = center(&mut brightness);
+        Prepared { is_whole, normal: normal.copied(), height, slope, brightness, variance }
+    }
+
+    #[cube]
+    pub(crate) fn compare(
+        weights: &Weights,
+        patch: &Prepared,
+        views: &[u32],
+        pixels: &[u32],
+        pixel: &PixelRay,
+        other: &Photo,
+        _seen: &Seen,
+        grad_depth: &RuntimeCell<f32>,
+    ) -> f32 {
+        let mut seen = Array::<f32>::new(SAMPLES);
+        let mut moves = Array::<f32>::new(SAMPLES);
+        let mut is_seen = patch.is_whole;
+        if is_seen {
+            for i in 0..SAMPLES {
+                let column = pixel.u + (i as u32 % SIDE as u32) * weights.stride - weights.stride;
+                let row = pixel.v + (i as u32 / SIDE as u32) * weights.stride - weights.stride;
+                let direction = pixel.view.direction(views, column, row);
+                let approach = patch.normal.dot(&direction);
+                let point = pixel.origin.along(&direction, patch.height / approach);
+                let at = other.reproject(views, pixels, &point, &direction.times(patch.slope / approach));
+                seen[i] = at.color.sum() / 3.0f32;
+                moves[i] = at.derivative.sum() / 3.0f32;
+                is_seen = is_seen && at.is_object;
+            }
+        }
+        let mut value = 0.0f32;
+        if is_seen {
+            let variance = center(&mut seen);
+            let mut likeness = 0.0f32;
+            let mut own_moves = 0.0f32;
+            let mut seen_moves = 0.0f32;
+            for i in 0..SAMPLES {
+                likeness += patch.brightness[i] * seen[i];
+                own_moves += patch.brightness[i] * moves[i];
+                seen_moves += seen[i] * moves[i];
+            }
+            let samples = comptime!(SAMPLES as f32);
+            let scale = ((patch.variance + NOISE) * (variance + NOISE)).sqrt();
+            let correlation = likeness / samples / scale;
+            if correlation > weights.min_correlation {
+                let derivative =
+                    own_moves / samples / scale - correlation * (seen_moves / samples) / (variance + NOISE);
+                grad_depth.store(grad_depth.read() - weights.weight * derivative);
+                value = 1.0f32 - correlation;
+            }
+        }
+        value
+    }
+
+    /// Subtracts the mean; returns the variance.
+    #[cube]
+    fn center(values: &mut Array<f32>) -> f32 {
+        let samples = comptime!(SAMPLES as f32);
+        let mut sum = 0.0f32;
+        for i in 0..SAMPLES {
+            sum += values[i];
+        }
+        let mean = sum / samples;
+        let mut squares = 0.0f32;
+        for i in 0..SAMPLES {
+            let value = values[i] - mean;
+            values[i] = value;
+            squares += value * value;
+        }
+        squares / samples
+    }
+}

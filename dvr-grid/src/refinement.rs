@@ -1,0 +1,97 @@
+//! The grids of each stage: those of the first from the visual hull, those of the next from what was learned.
+
+use dvr_core::UnitCube;
+use dvr_core::hull::MaskDistance;
+use dvr_core::voxel::VoxelGrid;
+
+use crate::active::ActiveNodes;
+use crate::color;
+use crate::config::GridConfig;
+use crate::multires::{ColorGrid, Grids, ShapeGrid, prolonged};
+use crate::start::{SpaceCarving, add_hull_detail, hull_start};
+use crate::views::TrainingView;
+
+/// How near to the surface a node learns where not all do, in nodes.
+const BAND_NODES: usize = 3;
+
+/// What is known of the object before training.
+pub(crate) struct Refinement {
+    masks: Vec<MaskDistance>,
+    carving: Option<SpaceCarving>,
+    /// Where colours start.
+    pub mean_color: [f32; 3],
+}
+
+impl Refinement {
+    /// Carves what photographs show to be empty out of the hull, where the shape learns from them.
+    pub fn new(masks: Vec<MaskDistance>, views: &[TrainingView], mean_color: [f32; 3], config: &GridConfig) -> Self {
+        let start = Self { masks, carving: None, mean_color };
+        if config.steps == 0 || config.plane_sweep_pixels == 0 || !config.losses.has_cross_view() {
+            return start;
+        }
+        let grid = padded_cube(config.first_cells);
+        let (hull, _) = start.hull(&grid, config);
+        Self { carving: SpaceCarving::sweep(views, &grid, &hull, config.plane_sweep_pixels), ..start }
+    }
+
+    /// Distance to the hull at every node, less what is carved, and the nodes at which the shape may change.
+    fn hull(&self, grid: &VoxelGrid, config: &GridConfig) -> (Vec<f32>, ActiveNodes) {
+        let disagreeing = config.disagreeing_views.of(self.masks.len());
+        hull_start(&self.masks, grid, disagreeing, self.carving.as_ref())
+    }
+
+    /// Distances of the masks' outlines, in the order of the training views.
+    pub fn masks(&self) -> &[MaskDistance] {
+        &self.masks
+    }
+
+    /// The grids of the first stage.
+    pub fn first(&self, config: &GridConfig) -> Grids {
+        let grid = padded_cube(config.first_cells);
+        let (base, active) = self.hull(&grid, config);
+        let coarser = (grid.cells() / config.coarsest_cells).ilog2() as usize;
+        let shape = ShapeGrid::new(active, base, coarser);
+        let active = coarsened(shape.active(), config.color_coarseness);
+        let base = color::constant(self.mean_color).repeat(active.grid().len());
+        // Two levels of colour: the finest and one coarser.
+        Grids { shape, color: ColorGrid::new(active, base, 1) }
+    }
+
+    /// Grids of twice the cells. Beyond `whole_cells`, only what is near the surface goes on learning.
+    pub fn refined(&self, grids: &Grids, config: &GridConfig) -> Grids {
+        let cells = 2 * grids.cells();
+        if cells > config.whole_cells {
+            return self.on_frozen_base(grids, grids.shape.values(), grids.color.values(), config);
+        }
+        let (base, active) = self.hull(&padded_cube(cells), config);
+        let shape = grids.shape.refined(active, base);
+        let base = color::constant(self.mean_color).repeat((cells / config.color_coarseness + 1).pow(3));
+        let color = grids.color.refined(coarsened(shape.active(), config.color_coarseness), base);
+        Grids { shape, color }
+    }
+
+    /// Grids of twice the cells that start from what was learned, `shape` and `color`, and only move what is near the
+    /// surface.
+    pub fn on_frozen_base(&self, grids: &Grids, shape: &[f32], color: &[f32], config: &GridConfig) -> Grids {
+        let grid = padded_cube(2 * grids.cells());
+        let mut base = prolonged::<1>(shape, &grid);
+        let near = ActiveNodes::near_surface(&grid, &base, BAND_NODES);
+        add_hull_detail(&self.masks, &near, config.disagreeing_views.of(self.masks.len()), &mut base);
+        let near_color = coarsened(&near, config.color_coarseness);
+        let color = prolonged::<{ color::CHANNELS }>(color, near_color.grid());
+        Grids {
+            color: ColorGrid::on_frozen_base(near_color, color, grids.color.coarser() + 1),
+            shape: ShapeGrid::on_frozen_base(near, base, grids.shape.coarser() + 1),
+        }
+    }
+}
+
+/// The grid of this many cells along the edge of the padded unit cube.
+fn padded_cube(cells: usize) -> VoxelGrid {
+    VoxelGrid::new(cells + 1, UnitCube::default().half_extent() as f32)
+}
+
+/// The nodes of a grid coarser by a power of two.
+fn coarsened(active: &ActiveNodes, factor: usize) -> ActiveNodes {
+    (0..factor.ilog2()).fold(active.clone(), |active, _| active.coarser())
+}

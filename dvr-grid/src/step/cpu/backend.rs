@@ -1,0 +1,134 @@
+//! The parts of a step on the CPU, one after the other.
+
+use std::borrow::Cow;
+use std::time::Instant;
+
+use rayon::prelude::*;
+
+use super::gather::{gather_color, gather_shape};
+use super::rays::{RayContext, RayGradient};
+use crate::active::ActiveNodes;
+use crate::clock::Part;
+use crate::color;
+use crate::error::Result;
+use crate::losses::LossSums;
+use crate::losses::smoothness::LaplacianSmoothness;
+use crate::multires::Grids;
+use crate::occupancy::OccupancyBitmask;
+use crate::step::backend::{COLOR_REST, StepBackend, StepInput};
+use crate::step::draw::draw;
+
+/// Rays that a task follows.
+const CHUNK: usize = 64;
+
+/// The grids, and what follows from them.
+pub(crate) struct CpuBackend {
+    grids: Grids,
+    shape_active: Vec<bool>,
+    color_active: Vec<bool>,
+    bitmask: OccupancyBitmask,
+    smoothness: LaplacianSmoothness,
+}
+
+impl CpuBackend {
+    pub fn new(grids: Grids) -> Self {
+        Self {
+            shape_active: membership(grids.shape.active()),
+            color_active: membership(grids.color.active()),
+            bitmask: OccupancyBitmask::new(grids.shape.grid(), grids.shape.values()),
+            smoothness: LaplacianSmoothness::default(),
+            grids,
+        }
+    }
+
+    /// Field and photographs as rays see them.
+    pub fn context<'a>(&'a self, input: &StepInput<'a>) -> RayContext<'a> {
+        let Grids { shape, color } = &self.grids;
+        RayContext {
+            views: input.views,
+            shape: shape.grid(),
+            values: shape.values(),
+            active: &self.shape_active,
+            bitmask: &self.bitmask,
+            colors: color.grid(),
+            color_values: color.values(),
+            losses: &input.config.losses,
+            compared_views: input.config.compared_views,
+            slope_rule: input.slope_rule,
+        }
+    }
+
+    /// Follows the rays of one step.
+    fn ray_gradients(&self, input: &StepInput) -> (Vec<RayGradient>, LossSums) {
+        let (context, rays) = (self.context(input), input.config.rays);
+        let chunks: Vec<(Vec<RayGradient>, LossSums)> = (0..rays.div_ceil(CHUNK))
+            .into_par_iter()
+            .map(|chunk| {
+                let mut sums = LossSums::default();
+                let ray_gradients = (chunk * CHUNK..((chunk + 1) * CHUNK).min(rays))
+                    .filter_map(|ray| {
+                        let drawn = draw(input.order, input.config.seed, input.rays_drawn + ray as u64);
+                        let pixel = input.views[drawn.view as usize].pixel_ray(drawn.view, drawn.pixel);
+                        context.ray_gradient(&pixel, drawn.seed, &mut sums)
+                    })
+                    .collect();
+                (ray_gradients, sums)
+            })
+            .collect();
+        let mut total = LossSums::default();
+        chunks.iter().for_each(|(_, sums)| total.add(sums));
+        (chunks.into_iter().flat_map(|(ray_gradients, _)| ray_gradients).collect(), total)
+    }
+
+    fn carry_out(&mut self, input: StepInput) -> LossSums {
+        let mut start = Instant::now();
+        let (ray_gradients, mut sums) = self.ray_gradients(&input);
+        input.times.lap(Part::Rays, &mut start);
+        let Grids { shape, color } = &mut self.grids;
+        let (_, gradient, active) = color.values_and_gradient_mut();
+        gather_color(&ray_gradients, active, &self.color_active, gradient);
+        let (values, gradient, active) = shape.values_and_gradient_mut();
+        gather_shape(&ray_gradients, active, &self.shape_active, gradient);
+        input.times.lap(Part::Gather, &mut start);
+        let loss = &input.config.losses.smoothness;
+        if loss.weight > 0.0 {
+            let (weight, knee) = (input.smoothness_weight(), loss.knee as f32);
+            sums.smoothness = self.smoothness.add_gradient(values, gradient, active, weight, knee).into();
+        }
+        input.times.lap(Part::LaplacianSmoothness, &mut start);
+        color.pull_towards(color::constant(input.mean_color), COLOR_REST);
+        shape.step(|level| input.shape_rate(level));
+        color.step(|level| input.color_rate(level));
+        input.times.lap(Part::MultiResGrid, &mut start);
+        self.bitmask.update(shape.values(), shape.active());
+        input.times.lap(Part::OccupancyBitmask, &mut start);
+        sums
+    }
+}
+
+impl StepBackend for CpuBackend {
+    fn upload(&mut self, grids: Grids) -> Result<()> {
+        *self = Self::new(grids);
+        Ok(())
+    }
+
+    fn step(&mut self, input: StepInput) -> Result<Option<LossSums>> {
+        // In the pool as a whole: entering it costs more than many of the loops inside.
+        Ok(Some(rayon::scope(|_| self.carry_out(input))))
+    }
+
+    fn grids(&self) -> Result<Cow<'_, Grids>> {
+        Ok(Cow::Borrowed(&self.grids))
+    }
+
+    fn parameters(&self) -> usize {
+        self.grids.parameters()
+    }
+}
+
+/// Whether each node of the grid is in the set.
+fn membership(active: &ActiveNodes) -> Vec<bool> {
+    let mut member = vec![false; active.grid().len()];
+    active.iter().for_each(|node| member[node] = true);
+    member
+}

@@ -1,0 +1,72 @@
+//! The GPU backend as the suite sees it, and what a device refuses.
+
+use burn::tensor::Device;
+use dvr_gpu::DeviceError;
+
+use super::fixture::Fixture;
+use super::{Inspected, Make, steps};
+use crate::clock::PartTimes;
+use crate::error::Error;
+use crate::multires::Grids;
+use crate::step::backend::StepBackend;
+use crate::step::gpu::GpuBackend;
+use crate::step::record::RayRecord;
+
+/// The GPU, if there is one.
+fn gpu() -> Option<Device> {
+    dvr_test_support::gpu(dvr_gpu::open(0)).map(|gpu| gpu.device)
+}
+
+/// A backend on a device.
+fn backend(device: &Device, fixture: &Fixture, grids: Grids) -> Result<GpuBackend, Error> {
+    GpuBackend::new(device, &fixture.views, &fixture.config, grids)
+}
+
+/// Runs a check of the suite.
+pub(super) fn on_a_gpu(check: &dyn Fn(Make)) {
+    let Some(device) = gpu() else { return };
+    check(&|fixture, grids| Box::new(backend(&device, fixture, grids).unwrap()));
+}
+
+impl Inspected for GpuBackend {
+    fn records(&mut self, fixture: &Fixture) -> Vec<RayRecord> {
+        self.step(fixture.input(&mut PartTimes::default())).unwrap();
+        self.kernels().records().unwrap()
+    }
+
+    fn gradients(&self) -> [Vec<f32>; 2] {
+        self.kernels().gradients().unwrap()
+    }
+}
+
+#[test]
+fn a_device_is_waited_for_only_where_it_is_asked() {
+    let Some(device) = gpu() else { return };
+    let mut fixture = Fixture { is_reported: false, ..Fixture::hull(0.0, 600) };
+    let mut backend = backend(&device, &fixture, fixture.grids.clone()).unwrap();
+    assert!(steps(&mut backend, &mut fixture, 12).is_none());
+    assert_eq!(backend.kernels().reads(), 0);
+    fixture.is_reported = true;
+    assert!(steps(&mut backend, &mut fixture, 1).is_some());
+    assert_eq!(backend.kernels().reads(), 1, "the losses of a step, at once");
+    backend.grids().unwrap();
+    assert_eq!(backend.kernels().reads(), 3, "the levels of shape and of colour");
+}
+
+#[test]
+fn a_device_that_is_no_gpu_is_refused() {
+    let fixture = Fixture::hull(0.0, 600);
+    let refused = backend(&Device::flex(), &fixture, fixture.grids.clone());
+    assert!(matches!(refused, Err(Error::Device(DeviceError::NoGpu))));
+}
+
+#[test]
+fn rays_beyond_the_memory_are_refused_with_their_size_and_the_device_is_still_good() {
+    let Some(device) = gpu() else { return };
+    let mut fixture = Fixture::hull(0.0, 600);
+    let mut backend = backend(&device, &fixture, fixture.grids.clone()).unwrap();
+    let sums = steps(&mut backend, &mut fixture, 1);
+    let refused = backend.kernels_mut().reserve(1 << 40).map_err(|problem| problem.to_string());
+    assert!(refused.is_err_and(|problem| problem.contains("MiB in one piece")));
+    assert!(sums.is_some() && steps(&mut backend, &mut fixture, 1).is_some());
+}
