@@ -1,8 +1,8 @@
-//! VoxelGrid fields in few bytes: quantised, and only where the surface is.
+//! Grid fields in few bytes: quantised, and only where the surface is.
 //!
 //! A trilinear surface is determined by the corners of the cells that it passes through. Their values are stored as
 //! steps of a thirty-second of a cell; for all other nodes it is enough to know on which side they are. Colours are
-//! stored, in 64 steps, where such a cell needs them. Both are far finer than what training gets right. The whole is
+//! stored, in 64 steps, where such a cell needs them. Both are far finer than the accuracy of training. The whole is
 //! deflated (RFC 1951).
 
 use std::io::{Read, Write};
@@ -14,10 +14,43 @@ use flate2::write::DeflateEncoder;
 
 use crate::field::grid_field::{GridField, GridValues};
 
-/// Bytes that cannot be read as a grid field.
+/// Why bytes cannot be read as a grid field.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error("{0}")]
-pub struct GridFormatError(String);
+pub enum GridFormatError {
+    /// They begin otherwise.
+    #[error("these bytes are not a grid field")]
+    NotAGridField,
+    /// Written by another version of this program.
+    #[error("the grid field has format version {found}, expected {expected}")]
+    Version {
+        /// The version found.
+        found: u32,
+        /// The version that this program reads.
+        expected: u32,
+    },
+    /// The header describes grids that cannot be.
+    #[error(
+        "the grid field has {shape_nodes} and {color_nodes} nodes along an edge over +-{half_extent}, expected 2 to \
+         {MAX_NODES} nodes over a positive extent"
+    )]
+    Extents {
+        /// Nodes of the occupancy grid along an edge.
+        shape_nodes: u32,
+        /// Nodes of the colour grid along an edge.
+        color_nodes: u32,
+        /// Half the edge length.
+        half_extent: f32,
+    },
+    /// The values are not the ones that were written.
+    #[error("the grid field is damaged: {reason}")]
+    Damaged {
+        /// What reading it met.
+        reason: String,
+    },
+    /// There are fewer or more values than the header asks for.
+    #[error("the grid field is cut short")]
+    CutShort,
+}
 
 /// Version of the format.
 pub const GRID_FORMAT_VERSION: u32 = 2;
@@ -36,8 +69,8 @@ const COLOR_RANGE: [f32; 2] = [-0.25, 1.25];
 /// The last quantisation step of colours.
 const LAST_COLOR: f32 = 63.0;
 
-/// Most nodes along an edge that a file may claim to have.
-const MAX_NODES: u32 = 2049;
+/// Most nodes along an edge that a file may claim to have: those of 512 cells, the most that training makes.
+const MAX_NODES: u32 = 513;
 
 /// What a node is: away from the surface on either side, or stored.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -79,41 +112,40 @@ pub fn to_bytes(field: &GridField) -> Result<Vec<u8>, GridFormatError> {
     bytes.extend((color.grid.nodes() as u32).to_le_bytes());
     bytes.extend(shape.grid.half_extent().to_le_bytes());
     let mut encoder = DeflateEncoder::new(bytes, Compression::best());
-    encoder.write_all(&plain).and_then(|()| encoder.finish()).map_err(|e| GridFormatError(e.to_string()))
+    encoder.write_all(&plain).and_then(|()| encoder.finish()).map_err(|e| damaged(&e))
 }
 
 /// A field from bytes.
 ///
 /// # Errors
-/// When the bytes are not a grid field, are cut short, or come from a newer program.
+/// When the bytes are not a grid field, are cut short, or come from another version of the program.
 pub fn from_bytes(bytes: &[u8]) -> Result<GridField, GridFormatError> {
-    let broken = GridFormatError;
     if bytes.len() < HEADER || &bytes[..4] != MAGIC {
-        return Err(broken("these bytes are no grid field".into()));
+        return Err(GridFormatError::NotAGridField);
     }
     let word = |i: usize| [bytes[4 * i], bytes[4 * i + 1], bytes[4 * i + 2], bytes[4 * i + 3]];
     let version = u32::from_le_bytes(word(1));
     if version != GRID_FORMAT_VERSION {
-        let known = GRID_FORMAT_VERSION;
-        return Err(broken(format!("grid field version {version}; this program reads version {known}")));
+        return Err(GridFormatError::Version { found: version, expected: GRID_FORMAT_VERSION });
     }
     let (nodes, color_nodes) = (u32::from_le_bytes(word(2)), u32::from_le_bytes(word(3)));
     let half_extent = f32::from_le_bytes(word(4));
     let plausible = |n: u32| (2..=MAX_NODES).contains(&n);
     if !(plausible(nodes) && plausible(color_nodes) && half_extent > 0.0 && half_extent.is_finite()) {
-        return Err(broken(format!("{nodes} and {color_nodes} nodes over +-{half_extent} make no grids")));
+        return Err(GridFormatError::Extents { shape_nodes: nodes, color_nodes, half_extent });
     }
     let (shape, color) =
         (VoxelGrid::new(nodes as usize, half_extent), VoxelGrid::new(color_nodes as usize, half_extent));
-    // No more than a byte a value can be wanted: a file cannot ask for all memory.
+    // No more than these bytes can be needed: a file cannot ask for all memory.
     let limit = 2 * shape.len() + 3 * color.len();
     let mut plain = Vec::new();
     let decoder = DeflateDecoder::new(&bytes[HEADER..]);
-    decoder
-        .take(limit as u64 + 1)
-        .read_to_end(&mut plain)
-        .map_err(|e| broken(format!("the field is damaged ({e})")))?;
-    read_plain(&plain, shape, color).ok_or_else(|| broken("the field is cut short".into()))
+    decoder.take(limit as u64 + 1).read_to_end(&mut plain).map_err(|e| damaged(&e))?;
+    read_plain(&plain, shape, color).ok_or(GridFormatError::CutShort)
+}
+
+fn damaged(problem: &std::io::Error) -> GridFormatError {
+    GridFormatError::Damaged { reason: problem.to_string() }
 }
 
 /// How many values of shape and colour a file of this field stores.
@@ -267,13 +299,18 @@ mod tests {
     #[test]
     fn damaged_bytes_are_refused() {
         let bytes = to_bytes(&ball(33)).unwrap();
-        assert!(from_bytes(&[]).is_err() && from_bytes(b"DVRX").is_err());
+        for other in [b"".as_slice(), b"DVRX"] {
+            assert_eq!(from_bytes(other).err(), Some(GridFormatError::NotAGridField));
+        }
         for length in [10, HEADER, bytes.len() / 2, bytes.len() - 1] {
             assert!(from_bytes(&bytes[..length]).is_err(), "{length} bytes");
         }
         let mut newer = bytes.clone();
         newer[4] = 9;
-        assert!(from_bytes(&newer).err().unwrap().to_string().contains("version 9"));
+        assert_eq!(
+            from_bytes(&newer).err(),
+            Some(GridFormatError::Version { found: 9, expected: GRID_FORMAT_VERSION })
+        );
         let mut huge = bytes;
         huge[8..12].copy_from_slice(&u32::MAX.to_le_bytes());
         assert!(from_bytes(&huge).is_err());
