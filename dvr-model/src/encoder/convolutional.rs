@@ -6,6 +6,8 @@ use burn::nn::{Initializer, Linear, LinearConfig};
 use burn::tensor::activation::relu;
 use burn::tensor::{Device, Tensor};
 
+use super::pooling::global_mean;
+
 /// Five convolutions 3x3 of stride 2 without padding, their global average, and a linear layer to the code.
 ///
 /// ReLUs stand between all of them, the average included: `fc_out(relu(mean(conv4(relu(...conv0(image))))))`. There is
@@ -58,6 +60,6 @@ impl Convolutional {
         for convolution in [&self.conv1, &self.conv2, &self.conv3, &self.conv4] {
             net = convolution.forward(relu(net));
         }
-        self.fc_out.forward(relu(super::global_mean(net)))
+        self.fc_out.forward(relu(global_mean(net)))
     }
 }

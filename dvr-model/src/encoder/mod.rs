@@ -2,6 +2,7 @@
 
 mod codes;
 mod convolutional;
+mod pooling;
 mod resnet18;
 #[cfg(test)]
 mod tests;
@@ -101,9 +102,4 @@ impl Encoder {
             Self::Codes(codes) => codes.forward(objects),
         }
     }
-}
-
-/// The mean of each channel, `[b, channels, height, width]` to `[b, channels]`.
-fn global_mean(net: Tensor<4>) -> Tensor<2> {
-    net.flatten::<3>(2, 3).mean_dim(2).squeeze_dim(2)
 }

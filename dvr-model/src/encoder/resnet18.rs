@@ -7,6 +7,8 @@ use burn::nn::{BatchNorm, BatchNormConfig, Initializer, Linear, LinearConfig, Pa
 use burn::tensor::activation::relu;
 use burn::tensor::{Device, Tensor};
 
+use super::pooling::global_mean;
+
 /// Length of the features before the last linear layer.
 const FEATURES: usize = 512;
 
@@ -100,7 +102,7 @@ impl Resnet18Features {
         if training {
             self.settle_statistics();
         }
-        super::global_mean(net)
+        global_mean(net)
     }
 
     /// All blocks in order.

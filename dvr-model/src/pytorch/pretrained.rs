@@ -4,7 +4,7 @@ use std::path::Path;
 
 use burn::tensor::Device;
 
-use super::check_is_resnet18;
+use super::architecture::check_is_resnet18;
 use super::file::{Pickle, Tensors, read_tensors, renamed};
 use crate::encoder::{Encoder, Resnet18};
 use crate::error::RecordError;
