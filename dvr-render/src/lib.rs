@@ -1,5 +1,10 @@
 //! From an implicit field to pictures and meshes: ray marching, root finding, the differentiable depth, rendering, and
-//! mesh extraction. A field is known through the [`Field`] trait only.
+//! mesh extraction.
+//!
+//! A field is known through three traits: [`Field`] samples it, and is all that must be written; [`Differentiable`]
+//! differentiates it, by default with central differences; [`Crossing`] finds where rays first meet its surface, by default
+//! by marching. [`FieldShader`] renders any field, [`Surface`] puts what rays hit on the autodiff graph, and
+//! [`extract::extract_mesh`] makes a mesh of it.
 //!
 //! ```
 //! use burn::tensor::{Device, Tensor};
@@ -23,7 +28,7 @@
 //!         Device::flex()
 //!     }
 //! }
-//! // Slopes by central differences, crossings by marching: what is not said is the default.
+//! // Slopes by central differences, crossings by marching.
 //! impl Differentiable for Ball {}
 //! impl Crossing for Ball {}
 //!

@@ -66,9 +66,7 @@ impl<'a, F: Crossing + ?Sized> FieldShader<'a, F> {
             .map(|((ray, depth), (color, normal))| (ray as usize, Shaded { depth, color, normal: normal.to_array() }))
             .collect()
     }
-}
 
-impl<F: Crossing + ?Sized> FieldShader<'_, F> {
     /// What the hits show, evaluated where they lie and read back at once.
     fn shade_on_device(&self, hits: &Hits) -> Vec<(usize, Shaded)> {
         let query = hits.query();
@@ -87,48 +85,52 @@ impl<F: Crossing + ?Sized> FieldShader<'_, F> {
     }
 }
 
+/// A ray to march: its index, the depths between which it may meet the object, and its samples.
+#[derive(Clone, Copy)]
+struct Job {
+    ray: usize,
+    entry: f64,
+    exit: f64,
+    steps: usize,
+}
+
+impl<F: Crossing + ?Sized> FieldShader<'_, F> {
+    /// How ray number `index` is marched; `None` where it cannot meet the object.
+    fn job(&self, index: usize, ray: &Ray) -> Option<Job> {
+        let (cube, most) = (UnitCube::default(), self.settings.march.steps);
+        let Some(skip) = self.skip else {
+            let (entry, exit) = cube.intersect(ray)?;
+            return Some(Job { ray: index, entry, exit, steps: most });
+        };
+        let (entry, exit) = skip.interval(ray)?;
+        let share = (exit - entry) * ray.direction.length() / (2.0 * cube.half_extent());
+        let steps = ((most as f64 * share).ceil() as usize).clamp(4.min(most), most);
+        // Round up to powers of two: few different batch shapes.
+        Some(Job { ray: index, entry, exit, steps: steps.next_power_of_two() })
+    }
+}
+
 impl<F: Crossing + ?Sized> Shader for FieldShader<'_, F> {
     fn shade(&self, rays: &[Ray]) -> Vec<Option<Shaded>> {
         if let Some(own) = self.surface.field().own_shader() {
             return own.shade(rays);
         }
-        let cube = UnitCube::default();
         let device = self.surface.field().device();
-        let whole = 2.0 * cube.half_extent();
+        let mut jobs: Vec<Job> = rays.iter().enumerate().filter_map(|(i, ray)| self.job(i, ray)).collect();
         // Rays of like length share a batch, so that each batch can take as few samples as its longest ray needs.
-        let mut jobs: Vec<(usize, f64, f64, usize)> = rays
-            .iter()
-            .enumerate()
-            .filter_map(|(i, ray)| {
-                let (entry, exit) = match self.skip {
-                    Some(skip) => skip.interval(ray),
-                    None => cube.intersect(ray),
-                }?;
-                let share = (exit - entry) * ray.direction.length() / whole;
-                // Round up to powers of two: few different batch shapes.
-                let steps =
-                    ((self.settings.march.steps as f64 * share).ceil() as usize).clamp(4, self.settings.march.steps);
-                Some((
-                    i,
-                    entry,
-                    exit,
-                    if self.skip.is_some() { steps.next_power_of_two() } else { self.settings.march.steps },
-                ))
-            })
-            .collect();
-        jobs.sort_by_key(|&(i, _, _, steps)| (steps, i));
-        let rays_a_batch = points_at_once(&device, self.settings.max_rays);
-        let batches: Vec<&[(usize, f64, f64, usize)]> =
-            jobs.chunk_by(|a, b| a.3 == b.3).flat_map(|group| group.chunks(rays_a_batch)).collect();
-        let shaded = in_parallel(&device, batches, |batch: &[(usize, f64, f64, usize)]| {
-            let cut: Vec<_> = batch.iter().map(|&(i, entry, exit, _)| (rays[i], entry, exit)).collect();
-            let march = MarchSettings { steps: batch[0].3, ..self.settings.march };
+        jobs.sort_by_key(|job| (job.steps, job.ray));
+        let rays_per_batch = points_at_once(&device, self.settings.max_rays);
+        let batches: Vec<&[Job]> =
+            jobs.chunk_by(|a, b| a.steps == b.steps).flat_map(|group| group.chunks(rays_per_batch)).collect();
+        let shaded = in_parallel(&device, batches, |batch: &[Job]| {
+            let cut: Vec<_> = batch.iter().map(|job| (rays[job.ray], job.entry, job.exit)).collect();
+            let march = MarchSettings { steps: batch[0].steps, ..self.settings.march };
             let shaded = self.shade_batch(&Rays::within(&cut, &device), march).into_iter();
-            shaded.map(|(ray, shaded)| (batch[ray].0, shaded)).collect::<Vec<_>>()
+            shaded.map(|(place, shaded)| (batch[place].ray, shaded)).collect::<Vec<_>>()
         });
         let mut result = vec![None; rays.len()];
-        for (i, value) in shaded.into_iter().flatten() {
-            result[i] = Some(value);
+        for (ray, value) in shaded.into_iter().flatten() {
+            result[ray] = Some(value);
         }
         result
     }
