@@ -1,7 +1,7 @@
 //! Makes the scene of the demo, `assets/scenes/mug`: a mug with a painted seaside.
 //!
 //! Nothing in it is anybody else's: the shape is a surface of revolution and a sweep, the picture is a handful of
-//! formulas. It has what silhouettes alone cannot tell (the inside), a hole (the handle) and detail to match across
+//! formulas. It has what silhouettes alone cannot show (the inside), a hole (the handle) and detail to match across
 //! views.
 //!
 //! ```sh

@@ -38,7 +38,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Whether a pixel is of the object in the mask that is so many pixels wider, or narrower if there are less than none.
+/// Whether a pixel is of the object in the mask that is `pixels` wider, or narrower where that is negative.
 fn grown(mask: &GrayImage, u: u32, v: u32, pixels: i64) -> bool {
     let looks_for = pixels >= 0;
     let found = (-pixels.abs()..=pixels.abs()).flat_map(|y| (-pixels.abs()..=pixels.abs()).map(move |x| (x, y))).any(

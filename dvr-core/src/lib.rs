@@ -1,20 +1,28 @@
-//! What a scene is: cameras, rays, images, masks, depth maps, meshes, datasets and metrics. No neural network.
+//! What a scene is, and how it is read, checked, rendered and compared: cameras, rays, images, masks, depth maps, meshes,
+//! datasets and metrics. No neural network, no GPU.
+//!
+//! - [`Scene::read`] reads posed photographs in five layouts ([`dataset`]); the object then lies in the unit cube. What
+//!   masks leave out or have too much of, [`refine_masks`] corrects.
+//! - [`hull`] carves visual hulls from masks, [`voxel`] has grids and the exact walk of a ray through them, [`Bvh`] finds
+//!   where rays meet a mesh, [`Visibility`] which views see it.
+//! - [`mesh`] reads and writes meshes, [`synth`] renders them into datasets with depth maps and a true surface.
+//! - [`metrics`] compares pictures and shapes.
 //!
 //! ```
-//! use dvr_core::dataset::{ReadOptions, read_scene};
 //! use dvr_core::hull::{Bounds, HullSettings, VisualHull};
 //! use dvr_core::mesh::{TexturedMesh, shapes};
 //! use dvr_core::synth::{SynthConfig, render_dataset};
+//! use dvr_core::{Scene, View};
 //!
 //! // Render a torus from twelve sides into a dataset, and read it like any other scene.
 //! let folder = tempfile::tempdir()?;
 //! let torus = TexturedMesh { mesh: shapes::torus(1.0, 0.3, 32, 16), ..TexturedMesh::default() };
 //! let config = SynthConfig { views: 12, surface_points: 1000, occupancy_points: 1000, ..SynthConfig::default() };
 //! render_dataset(&torus, "torus", "rings", folder.path(), &config, &|_, _| ())?;
-//! let scene = read_scene(&folder.path().join("rings/torus"), &ReadOptions::default())?;
+//! let scene = Scene::read(folder.path().join("rings/torus"))?;
 //!
 //! // What no mask rules out contains the object.
-//! let views: Vec<_> = scene.views.iter().filter_map(|view| view.training_pair()).collect();
+//! let views: Vec<_> = scene.views.iter().filter_map(View::training_pair).collect();
 //! let hull = VisualHull::carve(&views, Bounds::UNIT_CUBE, 32, &HullSettings::default())?;
 //! println!("{} views; the hull fills {:.0} % of the cube", scene.views.len(), 100.0 * hull.volume());
 //! # Ok::<(), Box<dyn std::error::Error>>(())

@@ -7,7 +7,7 @@ pub struct Observation {
     /// sight is less than 78 degrees away from the normal.
     pub views: u16,
     /// `cos(best) (1 - 2^-views)`, in `[0, 1]`: the cosine of the smallest angle between a line of sight and the
-    /// normal, times a half for a single view (which tells a colour but no depth), three quarters for two, and so on
+    /// normal, times a half for a single view (which determines a colour but no depth), three quarters for two, and so on
     /// towards one.
     pub confidence: f32,
 }

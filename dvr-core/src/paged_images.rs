@@ -77,7 +77,7 @@ impl Bounded {
         Ok(Mask { coverage: with_pixels(width, height, PixelStore::Scratch(coverage)) })
     }
 
-    /// Whether so many bytes may stay in memory; if so, they are counted.
+    /// Whether this many more bytes may stay in memory; if so, they are counted.
     fn fits(&mut self, bytes: usize) -> bool {
         let left = self.left.checked_sub(bytes as u64);
         self.left = left.unwrap_or(self.left);

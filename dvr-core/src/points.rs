@@ -7,9 +7,9 @@ use glam::Vec3;
 pub struct PointCloud {
     /// Positions.
     pub points: Vec<Vec3>,
-    /// Outward unit normals, one a point.
+    /// Outward unit normals, one per point.
     pub normals: Option<Vec<Vec3>>,
-    /// sRGB colours in `[0, 1]`, one a point.
+    /// sRGB colours in `[0, 1]`, one per point.
     pub colors: Option<Vec<[f32; 3]>>,
 }
 

@@ -30,7 +30,7 @@ pub struct UnitCube {
 }
 
 impl Default for UnitCube {
-    /// The padding of the original, 0.1: faces at `+-0.55`.
+    /// The padding of DVR's reference code, 0.1: faces at `+-0.55`.
     fn default() -> Self {
         Self { padding: 0.1 }
     }

@@ -27,7 +27,7 @@ impl Similarity {
         let svd = covariance.svd(true, true);
         let (u, v_t) = (svd.u?, svd.v_t?);
         let singular = svd.singular_values;
-        // Two directions must be told apart for a rotation to be known.
+        // Two directions must differ for a rotation to be determined.
         if variance <= 0.0 || singular[1] <= 1e-12 * singular[0] {
             return None;
         }
@@ -44,7 +44,7 @@ impl Similarity {
 
 impl Similarity {
     /// The similarity that takes cameras of one space as near as possible to the same cameras in another: where they
-    /// stand, and points that they look at, as far away as the origin. What photographs cannot tell of where their
+    /// stand, and points that they look at, as far away as the origin. What photographs do not determine of where their
     /// cameras are.
     ///
     /// `None` where the cameras do not determine one.

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Which measurements teach the shape. Masks are used in every case.
+/// Which measurements the shape is learned from. Masks are used in every case.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Supervision {

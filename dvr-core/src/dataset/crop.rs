@@ -37,7 +37,7 @@ mod tests {
 
     use super::*;
 
-    /// A picture whose pixels tell where they are, with the object in a box.
+    /// A picture whose pixels encode where they are, with the object in a box.
     fn boxed(us: std::ops::Range<u32>, vs: std::ops::Range<u32>) -> (Photo, Mask) {
         let image = RgbImage::from_fn(20, 10, |u, v| Rgb([u as u8, v as u8, 0]));
         let inside = |u, v| us.contains(&u) && vs.contains(&v);

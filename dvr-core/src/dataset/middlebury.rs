@@ -94,7 +94,7 @@ fn parse_line(line: &str, file: &Path) -> Result<(PathBuf, Projection)> {
     if !is_rotation(&rotation) {
         return Err(Error::format(
             file,
-            format!("R of `{name}` is no rotation (determinant {:.3})", rotation.determinant()),
+            format!("R of `{name}` is not a rotation (determinant {:.3})", rotation.determinant()),
             "A line is a name, K (9 numbers), R (9) and t (3), world to camera.",
         ));
     }

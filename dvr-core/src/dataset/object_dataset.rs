@@ -1,7 +1,7 @@
 //! Datasets of many objects, of which single views are read when they are needed.
 //!
 //! Opening lists the objects. Which files an object has, and its cameras, is found out when it is first asked for, and
-//! kept: about 100 bytes a view, so that the 44 000 objects of ShapeNet with 24 views each take about 100 MB in the
+//! kept: about 100 bytes per view, so that the 44 000 objects of ShapeNet with 24 views each take about 100 MB in the
 //! end. Pixels are never kept.
 
 use std::collections::HashSet;
@@ -25,7 +25,7 @@ use crate::files::{read_mask, read_photo};
 use crate::points::OccupancySamples;
 use crate::scene::{GroundTruth, Split, View};
 
-/// Folders of pictures that are made for encoders, looked for before those that teach: the 3D-R2N2 renders, as the DVR
+/// Folders of pictures that are made for encoders, looked for before those that are trained on: the 3D-R2N2 renders, as the DVR
 /// dataset and as 3D-R2N2 itself call them.
 const INPUT_FOLDERS: [&str; 2] = ["img_choy2016", "rendering"];
 
@@ -51,7 +51,7 @@ pub struct ObjectOptions {
 /// let dataset = ObjectDataset::open("ShapeNet".as_ref(), ObjectOptions::default())?;
 /// for object in dataset.of_split(Split::Val) {
 ///     let picture = dataset.read_input(object, 0, 224)?; // what an encoder sees
-///     let view = dataset.read_view(object, 12)?; // what teaches or judges
+///     let view = dataset.read_view(object, 12)?; // to train on or to compare with
 ///     println!("{}: {} and {}", dataset.objects()[object].name, picture.width(), view.name);
 /// }
 /// # Ok::<(), dvr_core::Error>(())
@@ -68,7 +68,7 @@ pub struct ObjectDataset {
 /// What must be known of an object to read any of its views.
 struct ObjectFiles {
     names: Arc<FileNames>,
-    /// One a view.
+    /// One per view.
     projections: Box<[Projection]>,
 }
 

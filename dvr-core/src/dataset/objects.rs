@@ -26,7 +26,7 @@ pub struct ObjectRef {
 /// The objects of a dataset in the DVR layout, sorted by category and as the lists have them.
 ///
 /// `root` is the dataset, with a folder for each category, or one category. `train.lst`, `val.lst` and `test.lst` name
-/// the objects of each split, one a line; where there is none, `softras_train.lst` and so on are read. A category
+/// the objects of each split, one per line; where there is none, `softras_train.lst` and so on are read. A category
 /// without any list puts all its objects into [`Split::Train`]. With a `split`, only that one is listed.
 ///
 /// # Errors

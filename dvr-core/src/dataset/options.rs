@@ -59,7 +59,7 @@ impl FromStr for Format {
     }
 }
 
-/// How to tell the object from a plain background, for pictures without masks.
+/// How to separate the object from a plain background, for pictures without masks.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Background {
     /// Its colour.
@@ -69,7 +69,7 @@ pub struct Background {
 }
 
 impl Background {
-    /// A background of that colour, told apart with the default threshold.
+    /// A background of that colour, with the default threshold.
     pub fn of(color: BackgroundColor) -> Self {
         Self { color, threshold: 12 }
     }
@@ -136,7 +136,7 @@ pub struct ReadOptions {
     pub normalise: Normalise,
     /// DVR layout: take depth from `visual_hull_depth/`, even where there is a `depth/`.
     pub visual_hull_depth: bool,
-    /// Bytes of decoded photographs and masks that are kept in memory (4 a pixel); what is beyond lies in a scratch
+    /// Bytes of decoded photographs and masks that are kept in memory (4 per pixel); what is beyond lies in a scratch
     /// file in the system's temporary folder and is paged in as it is read. Without, everything is in memory. What is
     /// computed is the same either way. Depth maps stay in memory.
     pub max_memory: Option<u64>,

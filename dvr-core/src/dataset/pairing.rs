@@ -177,7 +177,7 @@ pub(super) fn camera_indices(images: &[PathBuf], cameras: &BTreeSet<u64>, file: 
     Err(Error::format(
         file,
         format!(
-            "there are {} cameras for {} images, and the images' names do not tell which",
+            "there are {} cameras for {} images, and the images' names do not say which",
             cameras.len(),
             images.len()
         ),

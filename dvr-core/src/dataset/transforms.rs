@@ -171,7 +171,7 @@ fn view_of_frame(
     })?;
     let (rotation, translation) = world_to_camera(&frame.transform_matrix).ok_or_else(|| {
         wrong(
-            "`transform_matrix` is no rotation with a translation".to_owned(),
+            "`transform_matrix` is not a rotation with a translation".to_owned(),
             "It must be 4x4 (or 3x4) numbers, camera to world, without stretch or mirror.",
         )
     })?;

@@ -133,7 +133,7 @@ pub enum Error {
         known: Vec<String>,
     },
     /// A name is none of a list.
-    #[error("`{name}` is no {what}. Use one of {expected}.")]
+    #[error("`{name}` is not a {what}. Use one of {expected}.")]
     UnknownName {
         /// What it should name.
         what: &'static str,

@@ -1,4 +1,4 @@
-//! Files of pixels, and writing any file so that nobody ever sees half of it.
+//! Files of pixels, and writing any file so that half of it is never seen.
 //!
 //! Photographs and masks are PNG or JPEG (WebP, BMP, TIFF and GIF are read as well), depth maps and float renders are
 //! OpenEXR. Every reader takes an error back to the file's name; none panics on a damaged file.

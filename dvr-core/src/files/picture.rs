@@ -1,4 +1,4 @@
-//! Photographs and masks in 8 bits a channel.
+//! Photographs and masks in 8 bits per channel.
 
 use std::ops::Deref;
 use std::path::Path;

@@ -63,7 +63,7 @@ impl Carver<'_> {
         if block.iter().all(|range| range.len() == 1) {
             return fill(self.is_hull(center, if self.settings.conservative { half } else { DVec3::ZERO }));
         }
-        match self.judge(center, half) {
+        match self.verdict(center, half) {
             Verdict::Hull => fill(true),
             Verdict::Outside => {}
             Verdict::Mixed => {
@@ -100,7 +100,7 @@ impl Carver<'_> {
     }
 
     /// Whether all points of the box are hull, or none is.
-    fn judge(&self, center: DVec3, half: DVec3) -> Verdict {
+    fn verdict(&self, center: DVec3, half: DVec3) -> Verdict {
         let (mut covering, mut ignorant, mut disagreeing) = (0, 0, 0);
         for silhouette in self.silhouettes {
             if silhouette.look(center, half, self.settings.margin) == Sight::Background {

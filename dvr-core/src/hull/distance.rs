@@ -7,7 +7,7 @@ use crate::distance_transform::signed_distance;
 use crate::raster::Mask;
 
 /// Masks are resampled so that their longer side has about as many cells: small ones gain the outline that their
-/// antialiased pixels tell of, large ones cost no more than they are worth.
+/// antialiased pixels show, large ones cost no more than they are worth.
 const CELLS: u32 = 512;
 
 /// A mask as a signed distance, seen through its camera.

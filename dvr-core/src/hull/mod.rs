@@ -1,7 +1,7 @@
 //! The visual hull: everything that the masks do not rule out (Laurentini 1994), as an occupancy grid.
 //!
 //! It holds the object, is cheap, and needs nothing but cameras and masks. So it serves to find the object
-//! ([`normalisation()`]), to check that masks and cameras belong together ([`silhouette_consistency`]) and to tell
+//! ([`normalisation()`]), to check that masks and cameras belong together ([`silhouette_consistency`]) and to find out
 //! where there is certainly nothing.
 
 mod bounds;

@@ -11,7 +11,7 @@ pub struct HullSettings {
     /// Whether a voxel counts when its *projection touches* the mask, the default, so that a rod or a plate that is
     /// thinner than a voxel or a pixel is kept; otherwise the voxel's centre decides, which does not overestimate.
     pub conservative: bool,
-    /// Pixels by which every mask may be wrong; 0.5 by default, since a mask tells about the centres of its pixels:
+    /// Pixels by which every mask may be wrong; 0.5 by default, since a mask is known at the centres of its pixels:
     /// with 0, a third of a surface seen at 64x64 pixels is carved away. Rods thinner than a pixel, which masks show in
     /// pieces, need 1 and some views that may disagree.
     pub margin: f64,

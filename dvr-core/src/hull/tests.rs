@@ -138,7 +138,7 @@ fn one_wrong_mask_is_forgiven_when_one_view_may_disagree() {
 
 #[test]
 fn blocks_decide_as_their_voxels_would() {
-    // A resolution that is no multiple of a block; views that see parts only; wrong masks.
+    // A resolution that is not a multiple of a block; views that see parts only; wrong masks.
     let mut cameras = cameras(9, 70, DVec3::ZERO, 1.6);
     cameras.push(Camera::look_at(70, 70, 150.0, DVec3::new(0.9, 0.3, 0.1), DVec3::new(0.0, 0.3, 0.2), DVec3::Y));
     cameras.push(Camera::look_at(70, 70, 80.0, DVec3::new(0.1, 0.45, 0.1), DVec3::ZERO, DVec3::X));

@@ -23,7 +23,7 @@ impl VisualHull {
     /// Carves `resolution`^3 voxels of `bounds` by the masks. Cameras and bounds share one space, of any units.
     ///
     /// A view knows nothing of what lies out of its frame or behind its camera, so it rules out nothing there: an
-    /// object may leave the picture. Nothing left is no error, see [`VisualHull::is_empty`].
+    /// object may leave the picture. That nothing is left is not an error, see [`VisualHull::is_empty`].
     ///
     /// # Errors
     /// When a mask has another size than its camera's image, or the box is empty or not finite.

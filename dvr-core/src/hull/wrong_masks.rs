@@ -28,7 +28,7 @@ const BLIND: f64 = 0.9;
 /// Views whose masks show something else than most of the others, or nothing; in order.
 ///
 /// A right mask's object is explained by what three quarters of all views do not rule out, whatever the rest says. One
-/// that is not is wrong as a whole. None is where more than a quarter would be: those cannot be told from the rest.
+/// that is not is wrong as a whole. None is where more than a quarter would be: those cannot be distinguished from the rest.
 ///
 /// # Errors
 /// When a mask has another size than its camera's image, or the box is empty.

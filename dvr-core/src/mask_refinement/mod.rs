@@ -2,7 +2,7 @@
 //!
 //! Programs that make masks leave holes in them. One hole in one of many views carves a tunnel through the visual hull.
 //! What a mask leaves out shows the object's colours in the photograph and not the background's, wherever these can be
-//! told apart: a [`classifier`] of colours decides, [`holes`] gives back what is missing, [`rims`] takes away what is too
+//! distinguished: a [`classifier`] of colours decides, [`holes`] gives back what is missing, [`rims`] takes away what is too
 //! much.
 
 mod classifier;

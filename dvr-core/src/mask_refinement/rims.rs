@@ -16,7 +16,7 @@ pub(super) fn rim_pixels(size: [usize; 2], background: &[bool], colors: &[[u8; 3
     if is_most_of_the_outline(&classifier, &rim) { rim } else { Vec::new() }
 }
 
-/// Whether so many masks with rims are half of those looked at, or more.
+/// Whether `with_rims` masks are half of those looked at, or more.
 pub(super) fn are_common(with_rims: usize, looked_at: usize) -> bool {
     with_rims > 0 && 2 * with_rims >= looked_at
 }

@@ -85,7 +85,7 @@ fn what_shows_the_background_or_cannot_be_told_stays() {
     assert_eq!(counts(&view(|_, _| true, None, WHITE)), [0, 0]);
 }
 
-/// A view whose mask is so many pixels too wide.
+/// A view whose mask is `rim` pixels too wide.
 fn wide(rim: u32, background: Rgb<u8>) -> View {
     let mut view = view(|_, _| false, None, background);
     let reach = 10 - rim..50 + rim;

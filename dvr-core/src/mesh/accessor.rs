@@ -32,7 +32,7 @@ impl GltfBuffers {
         &self.folder
     }
 
-    /// The bytes of a buffer view. Like all problems here, one is told without its subject.
+    /// The bytes of a buffer view. Like all problems here, one is reported without its subject.
     pub fn view(&self, view: &buffer::View) -> Result<&[u8], String> {
         let bytes = self.buffers.get(view.buffer().index()).map_or(&[][..], Vec::as_slice);
         view.offset().checked_add(view.length()).and_then(|end| bytes.get(view.offset()..end)).ok_or(format!(
@@ -91,7 +91,7 @@ pub(super) fn indices(accessor: &Accessor, buffers: &GltfBuffers) -> Result<Vec<
         (DataType::U8, [a, ..]) => u32::from(*a),
         (DataType::U16, [a, b, ..]) => u32::from(u16::from_le_bytes([*a, *b])),
         (DataType::U32, [a, b, c, d, ..]) => u32::from_le_bytes([*a, *b, *c, *d]),
-        // Not a type of indices: no mesh has so many vertices, so the caller's range check names it.
+        // Not a type of indices: no mesh has as many vertices, so the caller's range check names it.
         _ => u32::MAX,
     })
 }
@@ -124,7 +124,7 @@ fn component(bytes: &[u8], kind: DataType, normalized: bool) -> f32 {
         (DataType::U16, [a, b]) => (f32::from(u16::from_le_bytes([*a, *b])), 65535.0),
         (DataType::U32, [a, b, c, d]) => (u32::from_le_bytes([*a, *b, *c, *d]) as f32, 1.0),
         (DataType::F32, [a, b, c, d]) => return f32::from_le_bytes([*a, *b, *c, *d]),
-        // The caller cuts pieces of the type's size.
+        // The caller cuts slices of the type's size.
         _ => (f32::NAN, 1.0),
     };
     if normalized { (value / full).max(-1.0) } else { value }

@@ -58,7 +58,7 @@ pub(super) fn read(path: &Path, bytes: &[u8], warnings: &mut Vec<String>) -> cra
     Ok(reader.textured)
 }
 
-/// The document, checked by the `gltf` crate. Required extensions that only change the looks are told and passed over.
+/// The document, checked by the `gltf` crate. Required extensions that only change the looks are reported and passed over.
 fn validated(path: &Path, document: Document, warnings: &mut Vec<String>) -> crate::Result<Document> {
     let mut root = document.into_json();
     for extension in std::mem::take(&mut root.extensions_required) {

@@ -13,7 +13,7 @@ use crate::files::write_bytes_atomically;
 /// Polygons are cut into triangles. Positions are single precision: at a million units from the origin they are exact
 /// to about a sixteenth of a unit, so models in geographic coordinates should be moved to the origin before. What could
 /// not be read but does not matter for the shape (a missing texture, say) is left out; [`read_mesh_with_warnings`]
-/// tells.
+/// says so.
 ///
 /// # Errors
 /// When the file cannot be read, its format is not known or not kept, a face names a vertex that is not there, or a

@@ -12,7 +12,7 @@ pub struct Topology {
     /// Edges that are not shared so.
     pub open_edges: usize,
     /// Connected components.
-    pub pieces: usize,
+    pub components: usize,
     /// `V - E + F` of the vertices that faces use: 2 for each sphere, 0 for each torus.
     pub euler_characteristic: i64,
 }
@@ -36,14 +36,14 @@ impl Topology {
         Self {
             closed: !mesh.faces.is_empty() && open_edges == 0,
             open_edges,
-            pieces: connected_components(mesh.vertices.len(), &mesh.faces).1,
+            components: connected_components(mesh.vertices.len(), &mesh.faces).1,
             euler_characteristic: vertices as i64 - edges + mesh.faces.len() as i64,
         }
     }
 
-    /// Handles of all pieces together (the genus of a single one); `None` where the surface is not closed.
+    /// Handles of all components together (the genus of a single one); `None` where the surface is not closed.
     pub fn handles(&self) -> Option<i64> {
-        self.closed.then(|| self.pieces as i64 - self.euler_characteristic / 2)
+        self.closed.then(|| self.components as i64 - self.euler_characteristic / 2)
     }
 }
 
@@ -62,11 +62,11 @@ mod tests {
     #[test]
     fn a_ball_has_no_handle_and_a_torus_has_one() {
         let ball = Topology::of(&shapes::icosphere(1, 1.0));
-        assert_eq!((ball.closed, ball.pieces, ball.handles()), (true, 1, Some(0)));
+        assert_eq!((ball.closed, ball.components, ball.handles()), (true, 1, Some(0)));
         let torus = shapes::torus(1.0, 0.3, 8, 6);
         assert_eq!(Topology::of(&torus).handles(), Some(1));
         let both = Topology::of(&shapes::union([torus, shapes::icosphere(0, 1.0)]));
-        assert_eq!((both.pieces, both.handles()), (2, Some(1)));
+        assert_eq!((both.components, both.handles()), (2, Some(1)));
     }
 
     #[test]

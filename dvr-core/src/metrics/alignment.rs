@@ -1,6 +1,6 @@
 //! Moving a reconstruction onto the truth before the two are compared.
 //!
-//! Photographs do not tell where an object stands, how it is turned and how large it is: cameras do, and where these
+//! Photographs do not determine where an object stands, how it is turned and how large it is: cameras do, and where these
 //! are wrong, so is that. A shape is then compared after the similarity is taken out that brings it nearest to the
 //! truth.
 

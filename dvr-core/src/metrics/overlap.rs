@@ -4,7 +4,7 @@ use crate::error::{ComparisonError, Result};
 
 /// Intersection over union of two sets, given by whether each item (a pixel, a point) belongs to them.
 ///
-/// 1 where both are empty: they agree. (The original divides 0 by 0.)
+/// 1 where both are empty: they agree. (DVR's reference code divides 0 by 0.)
 ///
 /// # Errors
 /// When the two have different lengths.

@@ -1,7 +1,7 @@
 //! How far two surfaces are apart, measured between points sampled from them.
 //!
 //! Lengths are in units of the object cube `[-0.5, 0.5]^3`. (Papers print Chamfer-L1 times ten.) Distances between two
-//! *samples* are not zero for equal surfaces: [`surface_floor`] and [`cloud_floor`] tell what a perfect reconstruction
+//! *samples* are not zero for equal surfaces: [`surface_floor`] and [`cloud_floor`] say what a perfect reconstruction
 //! would score, and a score should be read beside its floor.
 
 use glam::Vec3;
@@ -41,7 +41,7 @@ pub struct ShapeScore {
     pub accuracy_squared: f64,
     /// Mean squared distance from a true point to the nearest predicted one.
     pub completeness_squared: f64,
-    /// `(accuracy_squared + completeness_squared) / 2`, the original's `chamfer`.
+    /// `(accuracy_squared + completeness_squared) / 2`, `chamfer` of DVR's reference code.
     pub chamfer_l2: f64,
     /// Mean `|n . n'|` between a point's normal and that of its nearest neighbour on the other surface, averaged over
     /// both directions; `None` where points come without normals.

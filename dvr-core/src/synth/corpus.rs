@@ -58,7 +58,7 @@ pub struct CorpusReport {
 ///
 /// An object whose mesh is broken is reported and skipped; one whose folder is there already is kept, so a run that was
 /// stopped can be taken up again. Objects are divided at random by `ratios`, by the configuration's seed; the only
-/// object of a category is in all three lists. `progress` is told how many objects are done, and of how many.
+/// object of a category is in all three lists. `progress` gets how many objects are done, and of how many.
 ///
 /// # Errors
 /// [`Error::OutOfRange`] where the configuration is unusable, [`Error::AlreadyThere`] where two objects share a name; [`Error::Io`] where something

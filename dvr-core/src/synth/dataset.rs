@@ -21,7 +21,7 @@ use crate::sampling::{sample_cube, sample_surface};
 
 /// Renders a mesh to `<out>/<category>/<name>`, and adds it to the lists of the category and to `<out>/metadata.yaml`.
 ///
-/// The object is in all three lists, `train.lst`, `val.lst` and `test.lst`: a scene of its own. `progress` is told how
+/// The object is in all three lists, `train.lst`, `val.lst` and `test.lst`: a scene of its own. `progress` gets how
 /// many views are done, and of how many, from whichever thread finishes one. The folder appears when everything is in
 /// it.
 ///

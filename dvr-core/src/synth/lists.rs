@@ -19,7 +19,7 @@ pub(super) fn check_name(what: &'static str, name: &str) -> Result<()> {
     Ok(())
 }
 
-/// Writes a list, one name a line.
+/// Writes a list, one name per line.
 pub(super) fn write_list(path: &Path, names: &[&str]) -> Result<()> {
     let text: String = names.iter().map(|name| format!("{name}\n")).collect();
     write_bytes_atomically(path, text.as_bytes())
@@ -39,7 +39,7 @@ pub(super) fn append_to_lists(category: &Path, name: &str) -> Result<()> {
     Ok(())
 }
 
-/// Adds a category to `metadata.yaml`, where the original looks up its name.
+/// Adds a category to `metadata.yaml`, where DVR's reference code looks up its name.
 pub(super) fn register_category(out: &Path, category: &str) -> Result<()> {
     let path = out.join("metadata.yaml");
     let text = read_or_empty(&path)?;

@@ -66,7 +66,7 @@ mod tests {
         for holes in [1, 2, 4, 9, 20] {
             let mesh = perforated(holes);
             let topology = Topology::of(&mesh);
-            assert_eq!((topology.pieces, topology.handles()), (1, Some(holes as i64)));
+            assert_eq!((topology.components, topology.handles()), (1, Some(holes as i64)));
             assert_eq!(topology.euler_characteristic, 2 - 2 * holes as i64);
             assert!(volume(&mesh) > 0.0);
         }

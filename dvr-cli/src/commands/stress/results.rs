@@ -63,7 +63,7 @@ pub fn csv(cells: &[Cell]) -> Result<String> {
             floor: figures.map(|f| f.floor),
             faces: figures.map(|f| f.faces),
             closed: figures.map(|f| f.topology.closed),
-            pieces: figures.map(|f| f.topology.pieces),
+            pieces: figures.map(|f| f.topology.components),
             handles: figures.and_then(|f| f.topology.handles()),
             part_distance: figures.and_then(|f| f.part_distance),
             note: cell.note.as_deref(),

@@ -38,7 +38,7 @@ pub(super) fn find(path: &Path) -> Result<RawScene> {
     })?;
     let mut warnings = Vec::new();
     if folder.ends_with("sparse/0") && folder.with_file_name("1").is_dir() {
-        warnings.push("COLMAP made several models that do not hang together; sparse/0 is used".to_owned());
+        warnings.push("COLMAP made several models that are not connected; sparse/0 is used".to_owned());
     }
     let binary = folder.join("images.bin").is_file();
     let mut model = if binary { binary::read_model(&folder)? } else { text::read_model(&folder)? };
@@ -120,7 +120,7 @@ fn projection(camera: &ModelCamera, image: &ModelImage, folder: &Path) -> Result
     if !(rotation.length() > 0.5 && rotation.length() < 2.0) {
         return Err(Error::format(
             folder,
-            format!("the rotation of image `{}` is no unit quaternion ({w} {x} {y} {z})", image.name),
+            format!("the rotation of image `{}` is not a unit quaternion ({w} {x} {y} {z})", image.name),
             "Export the model again.",
         ));
     }

@@ -223,7 +223,7 @@ fn middlebury_lines_that_cannot_be_used() {
     change(good.replacen(" 0 0 1 ", " 0 NaN 1 ", 1), &["0000.png", "finite numbers"]);
     change(good.replacen(" 0 0 1 ", " 0 0 1 7 ", 1), &["0000.png", "numbers"]);
     let rotation = lines[2].split(' ').nth(10).unwrap();
-    change(good.replacen(rotation, "5.5", 1), &["no rotation"]);
+    change(good.replacen(rotation, "5.5", 1), &["not a rotation"]);
     change(good.replace("0003.png", "0002.png"), &["0002", "twice"]);
 }
 

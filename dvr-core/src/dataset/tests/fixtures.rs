@@ -1,4 +1,4 @@
-//! The camera arithmetic of the original, by its own numbers (`../shared/fixtures/cameras.npz`).
+//! The camera arithmetic of DVR's reference code, by its own numbers (`../shared/fixtures/cameras.npz`).
 
 use glam::Vec2;
 
@@ -65,7 +65,7 @@ fn pixels_depths_and_origins_are_where_the_original_has_them() {
     }
 }
 
-/// Where the original places pixel `(u, v)` of an image for its rays: corner pixels on the corners of the image.
+/// Where the reference code places pixel `(u, v)` of an image for its rays: corner pixels on the corners of the image.
 fn original_ray_position(u: usize, v: usize, width: usize, height: usize) -> Vec2 {
     let place = |i: usize, n: usize| 2.0 * i as f32 / (n - 1) as f32 - 1.0;
     Vec2::new(place(u, width), place(v, height))
@@ -89,7 +89,7 @@ fn rays_of_the_original_go_through_other_points_than_pixel_centres() {
     assert!((largest - 0.5).abs() < 1e-6, "its rays are up to half a pixel off, at the border");
 }
 
-/// The pixel that the original reads for normalised coordinates: nearest, ties to even; 0 out of the image.
+/// The pixel that the reference code reads for normalised coordinates: nearest, ties to even; 0 out of the image.
 fn original_lookup([x, y]: [f64; 2], width: usize, height: usize) -> usize {
     // In single precision, as it was run: ties depend on it.
     let index = |x: f64, n: usize| ((((x as f32 + 1.0) * n as f32) - 1.0) / 2.0).round_ties_even();

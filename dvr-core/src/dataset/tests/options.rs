@@ -163,7 +163,7 @@ fn the_object_can_be_placed_by_masks_or_by_hand_in_any_layout() {
         let z = |scene: &Scene| scene.views[0].depth.as_ref().unwrap().get(24, 18) * scene.object_to_world.scale as f32;
         assert!((z(&scene) - z(&by_files)).abs() < 1e-3);
     }
-    // A ball that sticks out of the cube is told of.
+    // A ball that sticks out of the cube is warned of.
     let small = Similarity { scale: 30.0, translation: ball.center, ..Similarity::default() };
     let options = ReadOptions { normalise: Normalise::Given(small), ..ReadOptions::default() };
     let warnings = read_scene(folder.path(), &options).unwrap().warnings;
