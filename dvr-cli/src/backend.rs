@@ -1,4 +1,4 @@
-//! Where the computation runs.
+//! `--backend` and `--devices`: where a command computes.
 
 use std::fmt;
 use std::str::FromStr;
@@ -7,29 +7,29 @@ use anyhow::{Result, bail};
 use burn::tensor::Device;
 use dvr_train::{Hardware, Method};
 
-/// What `--backend` says.
+/// A backend with its device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Backend {
-    /// burn-flex: pure Rust, all cores.
+    /// burn-flex: the CPU, all cores.
     Cpu,
-    /// A graphics processor, by its place in `dvr devices`.
+    /// A GPU, by its number in `dvr devices`.
     Gpu(usize),
-    /// An NVIDIA card through CUDA, by its place there.
+    /// An NVIDIA GPU through CUDA, by its number there.
     Cuda(usize),
-    /// burn-ndarray: the older CPU backend, as a second opinion.
+    /// burn-ndarray: burn's older CPU backend, for comparisons.
     Ndarray,
 }
 
 /// For `--help`.
-pub const HELP: &str = "Where to compute: cpu; gpu or gpu:N (Vulkan, Metal, DirectX 12; `dvr devices` lists them); cuda or cuda:N \
-    and ndarray (another CPU backend, as a second opinion), where built in";
+pub const HELP: &str = "Where to compute: cpu; gpu or gpu:N (Vulkan, Metal, DirectX 12; `dvr devices` lists them); where built in, \
+    also cuda or cuda:N, and ndarray (burn's older CPU backend)";
 
 impl Backend {
     /// The device, without autodiff.
     ///
     /// # Errors
-    /// When this program was built without the backend, or the device is not there or cannot be opened.
-    // Upstream deprecates burn-ndarray; here it is a second opinion behind a feature.
+    /// When this program was built without the backend, or the device does not exist or cannot be opened.
+    // burn deprecates burn-ndarray; here it is an optional reference behind a feature.
     #[cfg_attr(feature = "ndarray", allow(deprecated))]
     pub fn device(self) -> Result<Device> {
         match self {
@@ -44,13 +44,15 @@ impl Backend {
             _ => {
                 let feature = self.to_string();
                 let feature = feature.split(':').next().unwrap_or_default();
-                bail!("this dvr was built without --backend {feature}: build it with `--features {feature}`")
+                bail!(
+                    "this dvr was built without --backend {feature}: build it with `cargo build --features {feature}`"
+                )
             }
         }
     }
 
-    /// The device on which a method is to train. The visual hull has no steps to train, and a second CPU backend is
-    /// nothing to fields on grids: where something else was asked for, that is said.
+    /// The device on which a method trains. The visual hull has no steps to train, and grids do not use a second CPU
+    /// backend; a note says so where something else was asked for.
     ///
     /// # Errors
     /// As [`Backend::device`].
@@ -58,23 +60,20 @@ impl Backend {
         match (method.hardware(), self) {
             (Hardware::Cpu, Self::Gpu(_) | Self::Cuda(_)) | (Hardware::Cpu | Hardware::OwnKernels, Self::Ndarray) => {
                 let name = method.name();
-                eprintln!("note: --method {name} is computed on the CPU, and --backend {self} changes nothing");
+                eprintln!("note: --method {name} is computed on the CPU; --backend {self} has no effect");
                 Ok(Device::flex())
             }
             _ => self.device(),
         }
     }
 
-    /// The device for what a method has trained. A second CPU backend is nothing to fields on grids: where it was
-    /// asked for, that is said.
+    /// The device for a trained model. Grids do not use a second CPU backend; a note says so where it was asked for.
     ///
     /// # Errors
     /// As [`Backend::device`].
     pub fn device_for(self, method: &dyn Method) -> Result<Device> {
         if method.hardware() != Hardware::Tensors && self == Self::Ndarray {
-            eprintln!(
-                "note: what --method grid and hull make is no tensors on the CPU, and --backend {self} changes nothing"
-            );
+            eprintln!("note: grids use no tensors on the CPU; --backend {self} has no effect");
             return Ok(Device::flex());
         }
         self.device()
@@ -98,13 +97,14 @@ impl FromStr for Backend {
     fn from_str(text: &str) -> Result<Self, String> {
         let (name, number) = text.split_once(':').map_or((text, None), |(name, number)| (name, Some(number)));
         let index = number.map_or(Ok(0), str::parse::<usize>);
-        let index = index.map_err(|_| format!("after `{name}:` comes a number, counted from 0; see `dvr devices`"));
+        let index =
+            index.map_err(|_| format!("after `{name}:` a number is expected, counted from 0; see `dvr devices`"));
         match (name, number) {
             ("cpu", None) => Ok(Self::Cpu),
             ("gpu", _) => Ok(Self::Gpu(index?)),
             ("cuda", _) => Ok(Self::Cuda(index?)),
             ("ndarray", None) => Ok(Self::Ndarray),
-            _ => Err("it is cpu, gpu, gpu:N, cuda, cuda:N or ndarray".into()),
+            _ => Err("expected cpu, gpu, gpu:N, cuda, cuda:N or ndarray".into()),
         }
     }
 }
@@ -114,7 +114,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_graphics_processor_is_chosen_by_its_number() {
+    fn a_gpu_is_chosen_by_its_number() {
         assert_eq!("gpu".parse(), Ok(Backend::Gpu(0)));
         assert_eq!("gpu:3".parse(), Ok(Backend::Gpu(3)));
         assert_eq!("cuda:1".parse(), Ok(Backend::Cuda(1)));
@@ -122,7 +122,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_backend_is_refused_with_the_names_of_those_there_are() {
+    fn an_unknown_backend_is_refused_with_the_names_of_all() {
         for text in ["", "tpu", "cpu:1", "GPU", "ndarray:0"] {
             assert!(text.parse::<Backend>().is_err_and(|problem| problem.contains("gpu:N")), "{text}");
         }

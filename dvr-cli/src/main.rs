@@ -1,4 +1,4 @@
-//! `dvr`: posed photos in, a textured mesh out.
+//! `dvr`: textured meshes from posed photographs.
 
 mod args;
 mod backend;
@@ -16,15 +16,15 @@ use clap::Parser;
 
 use args::{Cli, Command};
 
-/// Training allocates and frees large tensors all the time; the system's allocator gives them back to the kernel and
-/// has them cleared again on every step.
+/// Training allocates and frees large tensors in every step. The system's allocator returns them to the kernel, which
+/// clears them again each time.
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
-/// What every refusal of bad input exits with, clap's included.
+/// Exit code of every refusal of bad input, clap's included.
 const EXIT_BAD_INPUT: u8 = 2;
 
-/// What a run stopped by Ctrl-C exits with, by convention 128 + SIGINT.
+/// Exit code after Ctrl-C, by convention 128 + SIGINT.
 pub(crate) const EXIT_INTERRUPTED: u8 = 130;
 
 fn main() -> ExitCode {

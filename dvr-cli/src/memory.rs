@@ -1,11 +1,11 @@
-//! `--memory` where a graphics processor computes.
+//! `--memory` on a GPU.
 
 use anyhow::Result;
 use burn::tensor::Device;
 use dvr_render::is_gpu;
 use dvr_train::{Method, check_memory};
 
-/// Keeps the tensors on a graphics processor within what `--memory` allows; elsewhere it concerns photographs alone.
+/// Limits the GPU memory of tensors to `--memory`. On the CPU the flag concerns photographs alone.
 pub fn limit(device: &Device, memory: Option<u64>) {
     #[cfg(feature = "gpu")]
     if let Some(bytes) = memory.filter(|_| is_gpu(device)) {
@@ -15,7 +15,7 @@ pub fn limit(device: &Device, memory: Option<u64>) {
     let _ = (device, memory);
 }
 
-/// The same for training, which is refused where one of its steps would not fit.
+/// The same for training, which is refused where a step would not fit.
 ///
 /// # Errors
 /// Says how many rays a step may have.

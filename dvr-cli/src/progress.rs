@@ -1,4 +1,4 @@
-//! Progress bars with an ETA, or plain lines where nobody looks at a terminal.
+//! Progress bars with an ETA, or plain lines where standard error is not a terminal.
 
 use std::io::IsTerminal;
 use std::time::{Duration, Instant};
@@ -6,10 +6,10 @@ use std::time::{Duration, Instant};
 use dvr_train::Observer;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-/// How often a line is printed where there is no terminal.
+/// Interval of lines without a terminal.
 const LINE_EVERY: Duration = Duration::from_secs(15);
 
-/// Shows how work goes on, on standard error.
+/// Progress of the work, on standard error.
 pub struct Progress {
     bar: ProgressBar,
     name: String,
@@ -19,7 +19,7 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// Nothing is shown until a phase begins.
+    /// Shows nothing until a phase begins.
     pub fn new() -> Self {
         let terminal = std::io::stderr().is_terminal();
         Self { bar: ProgressBar::hidden(), name: String::new(), total: 0, terminal, last_line: Instant::now() }

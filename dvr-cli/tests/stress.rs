@@ -5,7 +5,7 @@ mod support;
 use support::{Tiny, dvr, refuses, succeeds, text};
 
 #[test]
-fn cells_are_judged_and_not_tried_twice() {
+fn cells_are_judged_and_not_computed_twice() {
     let tiny = Tiny::new();
     let out = tiny.path("stress");
     let stress = || dvr(&["stress", "--axis", "texture-lies,gradient-scale", "--methods", "hull", "--out", text(&out)]);
@@ -19,11 +19,11 @@ fn cells_are_judged_and_not_tried_twice() {
     assert_eq!(cells, 2 + 2 * 6, "two scenes, and six scales under two rules");
     assert_eq!(csv.lines().count(), 1 + cells);
     assert!(out.join("scenes/texture-lies.16.0/cameras.npz").is_file(), "the scene is there to be looked at");
-    // A cell that is there is taken as it is, one that is gone is tried again and comes out the same.
+    // A stored cell is used as it is, a deleted one is computed again with the same result.
     std::fs::remove_file(out.join("cells/texture-lies.4.0.hull.json")).unwrap();
     let again = stress();
     let said = String::from_utf8_lossy(&again.stderr).into_owned();
-    assert!(said.contains("14 cells, 13 of them there already"), "{said}");
+    assert!(said.contains("14 cells, 13 of them stored"), "{said}");
     succeeds(&again);
     assert_eq!(read("results.json"), results);
 
@@ -32,7 +32,7 @@ fn cells_are_judged_and_not_tried_twice() {
 }
 
 #[test]
-fn rivals_are_tried_where_a_method_fails() {
+fn rivals_are_tested_where_a_method_fails() {
     let tiny = Tiny::new();
     let out = tiny.path("stress");
     let stress = |against: &str| {

@@ -1,4 +1,4 @@
-//! One difficulty at a time, as data.
+//! Axes of difficulty, and cases: one difficulty at a time.
 
 use dvr_core::mesh::{Mesh, TexturedMesh};
 use dvr_core::synth::SynthConfig;
@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use crate::faults::Faults;
 use crate::gradients::GradientTest;
 
-/// What an axis makes difficult.
+/// What an axis varies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Group {
@@ -15,7 +15,7 @@ pub enum Group {
     Shape,
     /// Its texture.
     Texture,
-    /// How many views there are, and from where.
+    /// Number and placement of views.
     Views,
     /// Errors of the masks.
     Masks,
@@ -23,40 +23,40 @@ pub enum Group {
     Cameras,
     /// Errors of the photographs.
     Pictures,
-    /// The gradient of the depth itself.
+    /// The gradient of the depth.
     Gradients,
 }
 
-/// What is done at each difficulty.
+/// What is computed at each difficulty.
 #[derive(Clone, Copy, Debug)]
 pub enum Kind {
     /// A scene is reconstructed.
     Scene(fn(f64) -> Case),
-    /// A figure of the depth's gradient is computed.
+    /// An error of the depth's gradient is computed.
     Gradient(GradientTest),
 }
 
-/// A difficulty that grows, everything else being easy.
+/// A difficulty that grows while everything else is easy.
 #[derive(Clone, Debug)]
 pub struct Axis {
     /// Its name on the command line, in files and tables.
     pub name: &'static str,
-    /// What it belongs to.
+    /// Its group.
     pub group: Group,
-    /// What a difficulty counts.
+    /// Unit of a difficulty.
     pub unit: &'static str,
-    /// What is there to see, in a sentence.
+    /// What the scene shows, in a phrase.
     pub what: &'static str,
     /// From easy to hard.
     pub difficulties: &'static [f64],
-    /// Those of the quick set, from easy to hard.
+    /// The quick set, from easy to hard.
     pub quick: &'static [f64],
-    /// What is done.
+    /// What is computed.
     pub kind: Kind,
 }
 
 impl Axis {
-    /// The scene of a difficulty; `None` where there is none to reconstruct.
+    /// The scene of a difficulty; `None` for axes of gradients.
     pub fn case(&self, difficulty: f64) -> Option<Case> {
         match self.kind {
             Kind::Scene(case) => Some(case(difficulty)),
@@ -64,28 +64,28 @@ impl Axis {
         }
     }
 
-    /// A difficulty as tables and file names have it.
+    /// A difficulty as text, for tables and file names.
     pub fn label(difficulty: f64) -> String {
         format!("{difficulty}")
     }
 }
 
-/// A scene that can be rendered, with what must be true of its reconstruction.
+/// A scene to render, and conditions on its reconstruction.
 #[derive(Clone, Debug)]
 pub struct Case {
     /// The true object, in object space: within the unit cube, around the origin.
     pub object: TexturedMesh,
-    /// How it is photographed.
+    /// How it is rendered.
     pub config: SynthConfig,
-    /// What is wrong with the photographs.
+    /// Faults of masks and cameras.
     pub faults: Faults,
-    /// The part of the object that the axis is about, where the rest would hide its loss.
+    /// A part of the object that must be there, where the Chamfer distance of the whole would hide its loss.
     pub part: Option<Mesh>,
-    /// Handles that the reconstruction must have, where the axis is about them.
+    /// The number of handles that the reconstruction must have, where it matters.
     pub handles: Option<i64>,
 }
 
-/// Pixels along the sides of a picture.
+/// Width and height of a picture, pixels.
 pub(crate) const PIXELS: u32 = 64;
 
 impl Case {
@@ -95,7 +95,7 @@ impl Case {
             width: PIXELS,
             height: PIXELS,
             depth_maps: false,
-            // The truth is measured against here, and does not lie beside the pictures.
+            // The ground truth stays in memory and is not written beside the pictures.
             surface_points: 0,
             occupancy_points: 0,
             ..SynthConfig::default()
@@ -103,7 +103,7 @@ impl Case {
         Self { object, config, faults: Faults::default(), part: None, handles: None }
     }
 
-    /// Edge of a pixel at the object's distance, object units.
+    /// A pixel's footprint: its edge at the object's distance, object units.
     pub fn footprint(&self) -> f64 {
         footprint(&self.config)
     }
@@ -113,7 +113,7 @@ fn footprint(config: &SynthConfig) -> f64 {
     config.distance / (0.5 * config.focal * f64::from(config.width.min(config.height)))
 }
 
-/// [`Case::footprint`] of the usual views: generators make parts of so many of these.
+/// [`Case::footprint`] of the usual views, the unit of sizes in pixels.
 pub(crate) fn usual_footprint() -> f64 {
     footprint(&SynthConfig { width: PIXELS, height: PIXELS, ..SynthConfig::default() })
 }

@@ -1,4 +1,4 @@
-//! All axes: what is tried, and how far.
+//! The catalogue of all axes.
 
 use dvr_core::mesh::{Mesh, shapes};
 use dvr_core::synth::CameraPlacement;
@@ -11,7 +11,7 @@ use crate::shapes::{
     bowl, far_apart, into_step, pebble, perforated, plate, ring, step, tiny_beside_large, tunnel, wedge,
 };
 
-/// Texture that shows where a surface is.
+/// A texture that shows where a surface is.
 const CLEAR: Paint = Paint::Noise(1.0);
 
 /// Every axis, in the order of the tables.
@@ -35,7 +35,7 @@ fn clear(mesh: Mesh) -> Case {
     Case::of(painted(mesh, CLEAR))
 }
 
-/// The same, which must neither fall to pieces nor get holes: it has so many handles.
+/// The same, whose reconstruction must have the given number of handles: it must neither break nor get holes.
 fn whole(handles: i64, mesh: Mesh) -> Case {
     Case { handles: Some(handles), ..clear(mesh) }
 }
@@ -45,7 +45,7 @@ fn faulty(faults: Faults) -> Case {
     Case { faults, ..clear(pebble()) }
 }
 
-/// Two parts, the second of which must not be lost.
+/// Two parts, of which the second must be reconstructed.
 fn parts([rest, part]: [Mesh; 2]) -> Case {
     let mut case = clear(shapes::union([rest, part.clone()]));
     case.part = Some(part);
@@ -113,13 +113,13 @@ fn texture_axes() -> Vec<Axis> {
             |contrast| Case::of(painted(bowl(0.5), Paint::Noise(contrast as f32))),
         ),
         texture(
-            ["texture-repeats", "pixels", "the same bowl with one wave over and over, of this period"],
+            ["texture-repeats", "pixels", "the same bowl with one repeated wave of this period"],
             &[16.0, 8.0, 4.0, 2.0],
             &[16.0, 4.0],
             |period| Case::of(painted(bowl(0.5), Paint::Waves(period))),
         ),
         texture(
-            ["texture-lies", "pixels", "squares of this size that run across the edge of a step as if there were none"],
+            ["texture-lies", "pixels", "squares of this size that run across the edge of a step without a break"],
             &[16.0, 8.0, 4.0, 2.0],
             &[16.0, 4.0],
             |square| Case::of(painted(step(), Paint::Squares(square, into_step()))),
@@ -131,7 +131,7 @@ fn view_axes() -> Vec<Axis> {
     let views = |words, difficulties, quick, case| axis(Group::Views, words, difficulties, quick, case);
     vec![
         views(
-            ["views", "views", "a pebble seen from all sides by so many"],
+            ["views", "views", "a pebble, seen from all sides by this many views"],
             &[24.0, 16.0, 12.0, 8.0, 6.0, 4.0, 3.0],
             &[12.0, 6.0, 3.0],
             |count| {
@@ -141,7 +141,7 @@ fn view_axes() -> Vec<Axis> {
             },
         ),
         views(
-            ["one-sided", "degrees", "24 views within this angle of one direction; what two of them see is judged"],
+            ["one-sided", "degrees", "24 views within this angle of one direction; judged is what two of them see"],
             &[180.0, 120.0, 90.0, 60.0, 40.0, 20.0],
             &[90.0, 40.0],
             |half_angle| {
@@ -175,13 +175,13 @@ fn mask_axes() -> Vec<Axis> {
             |share| faulty(Faults { holes: share, ..Faults::default() }),
         ),
         masks(
-            ["mask-speckle", "share of the pixels", "single pixels of all masks say the opposite"],
+            ["mask-speckle", "share of the pixels", "single pixels of all masks flipped"],
             &[0.001, 0.003, 0.01, 0.03, 0.1],
             &[0.003, 0.01, 0.03],
             |share| faulty(Faults { speckle: share, ..Faults::default() }),
         ),
         masks(
-            ["wrong-masks", "masks of 24", "masks that show something else altogether"],
+            ["wrong-masks", "masks of 24", "masks of another object"],
             &[1.0, 2.0, 3.0, 5.0, 8.0],
             &[1.0, 2.0, 5.0],
             |count| faulty(Faults { wrong_masks: count as usize, ..Faults::default() }),
@@ -193,19 +193,19 @@ fn camera_axes() -> Vec<Axis> {
     let cameras = |words, difficulties, quick, case| axis(Group::Cameras, words, difficulties, quick, case);
     vec![
         cameras(
-            ["camera-rotation", "degrees", "every camera turned about an axis of its own"],
+            ["camera-rotation", "degrees", "every camera rotated about a random axis"],
             &[0.1, 0.25, 0.5, 1.0, 2.0, 4.0],
             &[0.5, 1.0, 2.0],
             |rotation| faulty(Faults { rotation, ..Faults::default() }),
         ),
         cameras(
-            ["camera-translation", "share of the distance", "every camera moved in a direction of its own"],
+            ["camera-translation", "share of the distance", "every camera moved in a random direction"],
             &[0.0025, 0.005, 0.01, 0.02, 0.05],
             &[0.01, 0.05],
             |translation| faulty(Faults { translation, ..Faults::default() }),
         ),
         cameras(
-            ["camera-focal", "share", "focal lengths too long in half of the views, too short in the rest"],
+            ["camera-focal", "share", "focal lengths too long in half of the views, too short in the others"],
             &[0.0025, 0.005, 0.01, 0.02, 0.05],
             &[0.02, 0.05],
             |focal| faulty(Faults { focal, ..Faults::default() }),
@@ -217,7 +217,7 @@ fn picture_axes() -> Vec<Axis> {
     let pictures = |words, difficulties, quick, case| axis(Group::Pictures, words, difficulties, quick, case);
     vec![
         pictures(
-            ["noise", "standard deviation", "noise on all channels, which run from 0 to 1"],
+            ["noise", "standard deviation", "noise on all channels, whose range is 0 to 1"],
             &[0.01, 0.03, 0.1, 0.2, 0.4],
             &[0.1, 0.2],
             |deviation| {
@@ -237,7 +237,7 @@ fn picture_axes() -> Vec<Axis> {
             },
         ),
         pictures(
-            ["cut", "frames", "the object this far off the middle of every picture: from a quarter on, it is cut"],
+            ["cut", "frames", "the object this far from the centre of every picture; from a quarter on it is cut off"],
             &[0.2, 0.3, 0.4, 0.5, 0.6],
             &[0.3, 0.5],
             |aside| faulty(Faults { aside, ..Faults::default() }),

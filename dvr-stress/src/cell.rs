@@ -1,42 +1,42 @@
-//! One cell of the table, and where a row of them breaks.
+//! Cells of the result table, and the break point of a method.
 
 use serde::{Deserialize, Serialize};
 
 use crate::verdict::{Figures, Verdict};
 
-/// What a method made of one difficulty of one axis, with one seed.
+/// The result of a method at one difficulty of one axis, with one seed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Cell {
     /// The axis.
     pub axis: String,
-    /// How difficult, in the axis' unit.
+    /// The difficulty, in the axis' unit.
     pub difficulty: f64,
     /// The method, or the slope rule.
     pub method: String,
     /// Seed of scene, faults and training.
     pub seed: u64,
-    /// How it ended.
+    /// The verdict.
     pub verdict: Verdict,
-    /// The figure that was judged: Chamfer-L1 of what is seen in object units, or that of a gradient; `None` without
-    /// one.
+    /// The figure that was judged: Chamfer-L1 of the seen surface in object units, or the error of a gradient; `None`
+    /// without one.
     pub value: Option<f64>,
-    /// Everything that was measured of a mesh.
+    /// All figures of a mesh.
     pub figures: Option<Figures>,
-    /// What the method said where it gave up.
+    /// The method's error message, where it failed.
     pub note: Option<String>,
 }
 
-/// How far along an axis a method holds.
+/// How far along an axis a method works.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct BreakPoint {
-    /// The hardest difficulty that is solved with everything easier; `None` where the easiest is not.
+    /// The hardest difficulty up to which everything is solved; `None` where the easiest is not.
     pub holds: Option<f64>,
     /// The easiest difficulty that is not solved; `None` where all are.
     pub breaks: Option<f64>,
 }
 
-/// Of one method's cells on one axis; `difficulties` run from easy to hard, those without cells are passed over. A
-/// difficulty is solved where more than half of its seeds are.
+/// The break point of one method's cells on one axis. `difficulties` run from easy to hard; those without cells are
+/// skipped. A difficulty is solved where more than half of its seeds are.
 pub fn break_point<'a>(difficulties: &[f64], cells: impl IntoIterator<Item = &'a Cell> + Clone) -> BreakPoint {
     let mut point = BreakPoint { holds: None, breaks: None };
     for &difficulty in difficulties {

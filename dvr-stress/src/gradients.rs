@@ -1,31 +1,30 @@
-//! The gradient of the depth where it is hardest: at grazing rays, at fields of another scale, in small batches.
+//! Tests of the depth's gradient where it is hardest: grazing rays, scaled fields, small batches.
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// Radius of the ball that rays meet. Its field is `radius - |p|`.
+/// Radius of the ball that rays hit. Its field is `radius - |p|`.
 const RADIUS: f64 = 0.4;
 
-/// Batches that a spread is taken over.
+/// Number of batches over which the spread is computed.
 const BATCHES: usize = 400;
 
-/// What is asked of the gradient of the depth by the ball's radius.
+/// A test of the gradient of the depth by the ball's radius.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum GradientTest {
     /// Its relative error against central differences, at an angle in degrees between ray and surface.
     Grazing,
-    /// The same at 30 degrees, where the field is multiplied by a number.
+    /// The same at 30 degrees, for a field that is multiplied by a factor.
     Scale,
-    /// Standard deviation of its mean over a batch of so many rays that fall on the ball evenly, as a share of that
-    /// mean.
+    /// Relative standard deviation of its mean over a batch of this many rays, which are uniform on the ball's disc.
     Spread,
 }
 
 impl GradientTest {
-    /// Largest figure that is good enough.
+    /// Largest figure that counts as solved.
     pub const LIMIT: f64 = 0.1;
 
-    /// The figure at a difficulty of a rule that gives `1/s`, kept finite, from the slope `s = g . w` and `|g| |w|`.
+    /// The figure at a difficulty. `rule` computes a finite `1/s` from the slope `s = g . w` and from `|g| |w|`.
     pub fn figure(self, rule: &dyn Fn(f32, f32) -> f32, difficulty: f64, seed: u64) -> f64 {
         match self {
             Self::Grazing => relative_error(rule, difficulty.to_radians().sin(), 1.0),
@@ -35,7 +34,8 @@ impl GradientTest {
     }
 }
 
-/// Depth by the ball's radius as a rule has it, at a cosine between ray and inward normal, for a field times `scale`.
+/// The derivative of the depth by the ball's radius under a rule, at a cosine between ray and inward normal, for a field
+/// times `scale`.
 fn gradient(rule: &dyn Fn(f32, f32) -> f32, cosine: f64, scale: f64) -> f64 {
     // dd = -df / s with df = scale * dR: more radius, less depth.
     -scale * f64::from(rule((scale * cosine) as f32, scale as f32))
@@ -49,7 +49,7 @@ fn relative_error(rule: &dyn Fn(f32, f32) -> f32, cosine: f64, scale: f64) -> f6
     (gradient(rule, cosine, scale) / difference - 1.0).abs()
 }
 
-/// Where a ray along z first meets the ball, by bisection from a unit away to the ray's middle.
+/// Where a ray along z first meets the ball, by bisection from one unit away to the ray's middle.
 fn depth(radius: f64, impact: f64) -> f64 {
     let (mut outside, mut inside) = (0.0, 1.0);
     for _ in 0..60 {

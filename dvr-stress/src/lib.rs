@@ -1,9 +1,9 @@
-//! Where reconstruction fails: scenes that are hard in one way at a time, and verdicts on what methods make of them.
+//! Stress tests of reconstruction: synthetic scenes that are hard in one way at a time, and verdicts on reconstructions.
 //!
-//! An [`Axis`] is one difficulty: a rod's radius, the error of the cameras, the number of views. For each of its
-//! difficulties it gives a [`Case`], a scene with a true shape, which [`write_scene`] renders and spoils. Whatever a
-//! method makes of the pictures is measured ([`measure`]) and judged ([`judge`]); [`break_point`] tells how far the
-//! method holds.
+//! An [`Axis`] varies one difficulty: the radius of a rod, the error of the cameras, the number of views. For each value
+//! it gives a [`Case`], a scene whose shape is known. [`write_scene`] renders it with its faults. [`measure`] compares a
+//! reconstruction with the true shape, [`judge`] gives a [`Verdict`], and [`break_point`] finds the first difficulty that
+//! a method does not solve.
 //!
 //! ```
 //! use dvr_stress::{Verdict, axes, judge, measure, write_scene};
@@ -13,7 +13,7 @@
 //! let folder = tempfile::tempdir()?;
 //! let scene = write_scene(&case, "rod", 0, folder.path())?;
 //! assert!(scene.join("cameras.npz").is_file());
-//! // A method that finds the truth has solved it.
+//! // The true shape is a solution.
 //! let figures = measure(&case, 0, Some(&case.object.mesh))?;
 //! assert_eq!(judge(&case, &figures, None), Verdict::Solved);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
@@ -37,5 +37,5 @@ pub use catalogue::axes;
 pub use cell::{BreakPoint, Cell, break_point};
 pub use faults::{Faults, displace_camera};
 pub use gradients::GradientTest;
-pub use scene::{true_cameras, write_scene};
+pub use scene::write_scene;
 pub use verdict::{Figures, Verdict, judge, measure};

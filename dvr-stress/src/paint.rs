@@ -1,4 +1,4 @@
-//! Textures: some that tell where a surface is, and some that do not.
+//! Textures: with and without information about where the surface is.
 
 use std::f64::consts::TAU;
 use std::sync::Arc;
@@ -11,20 +11,20 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::axis::usual_footprint;
 
-/// Texels along an object unit: some seven a pixel of the usual views.
+/// Texels per object unit: about seven per pixel of the usual views.
 const TEXELS: u32 = 256;
 
-/// Cells of noise along an object unit: one in two and a half pixels.
+/// Cells of noise per object unit: one per two and a half pixels.
 const NOISE_CELLS: usize = 15;
 
-/// What is painted on.
+/// A texture.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Paint {
-    /// Coloured noise whose amplitude is this share of all there can be; 0 is a flat grey.
+    /// Coloured noise with this share of the largest amplitude; 0 is a flat grey.
     Noise(f32),
-    /// The same wave over and over, with a period of so many pixels of the usual views.
+    /// A repeated wave with this period in pixels of the usual views.
     Waves(f64),
-    /// Black and white squares of so many pixels, projected along a direction: across edges as if they were not there.
+    /// Black and white squares of this many pixels, projected along a direction: they cross edges without a break.
     Squares(f64, Vec3),
 }
 
@@ -54,7 +54,7 @@ pub(crate) fn painted(mesh: Mesh, paint: Paint) -> TexturedMesh {
     TexturedMesh { mesh, corner_uvs, face_materials: Vec::new(), materials: vec![material] }
 }
 
-/// Projects along the axis that the face looks along most; each axis has its own piece of the texture.
+/// Projects along the dominant axis of the face's normal; each axis has its own part of the texture.
 fn boxed(place: Vec3, normal: Vec3) -> Vec2 {
     let size = normal.abs();
     if size.x >= size.y && size.x >= size.z {
@@ -114,14 +114,14 @@ mod tests {
     }
 
     #[test]
-    fn noise_has_the_contrast_that_was_asked_for() {
+    fn noise_has_its_contrast() {
         assert_eq!(spread(&texture(Paint::Noise(0.0))), 0);
         let (weak, strong) = (spread(&texture(Paint::Noise(0.1))), spread(&texture(Paint::Noise(1.0))));
         assert!((15..=23).contains(&weak) && strong > 200, "{weak} {strong}");
     }
 
     #[test]
-    fn a_pattern_repeats_after_as_many_pixels_as_it_says() {
+    fn a_pattern_repeats_with_its_period() {
         let mesh = cuboid(Vec3::splat(-0.3), Vec3::splat(0.3));
         for (paint, period) in [(Paint::Waves(8.0), 8.0), (Paint::Squares(4.0, Vec3::Z), 8.0)] {
             let painted = painted(mesh.clone(), paint);

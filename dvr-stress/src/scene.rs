@@ -1,4 +1,4 @@
-//! From a case to pictures on disk.
+//! Renders cases to scenes on disk.
 
 use std::path::{Path, PathBuf};
 
@@ -8,17 +8,18 @@ use rayon::prelude::*;
 
 use crate::axis::Case;
 
-/// The folder above all scenes of a set: the layout wants a category.
+/// The category of all scenes, which the layout needs.
 const CATEGORY: &str = "scenes";
 
-/// The cameras that took a case's pictures, whatever is said of them.
-pub fn true_cameras(case: &Case, seed: u64) -> Vec<Camera> {
+/// The cameras from which a case is rendered, without the errors of the stated ones.
+pub(crate) fn true_cameras(case: &Case, seed: u64) -> Vec<Camera> {
     let mut cameras = place_cameras(&seeded(case, seed));
     case.faults.aim(&mut cameras, seed);
     cameras
 }
 
-/// Renders a case, spoils it, and writes it to `<out>/scenes/<name>`; returns that folder. The same for a seed, always.
+/// Renders a case, applies its faults, and writes it to `<out>/scenes/<name>`; returns that folder. The same seed gives
+/// the same files.
 ///
 /// # Errors
 /// When the name is unusable or something cannot be written.
@@ -57,15 +58,15 @@ mod tests {
         };
         let (first, again, other) = (read("a", 0), read("b", 0), read("c", 1));
         assert_eq!(first.object_to_world, dvr_core::Similarity::default());
-        assert!(first.ground_truth.surface.is_none(), "the truth is not there to look at");
+        assert!(first.ground_truth.surface.is_none(), "the ground truth is not written");
         let pixels = |scene: &dvr_core::Scene| scene.views[3].image.as_raw().to_vec();
         assert_eq!(pixels(&first), pixels(&again));
         assert_ne!(pixels(&first), pixels(&other));
-        // What is said of the cameras is off by two degrees.
-        for (told, real) in first.views.iter().zip(true_cameras(&case, 0)) {
-            let cosine = told.camera.forward().dot(real.forward()).clamp(-1.0, 1.0);
+        // The stated cameras are off by two degrees.
+        for (stated, real) in first.views.iter().zip(true_cameras(&case, 0)) {
+            let cosine = stated.camera.forward().dot(real.forward()).clamp(-1.0, 1.0);
             assert!(cosine.acos().to_degrees() < 2.01);
-            assert!((told.camera.center() - real.center()).length() < 1e-5);
+            assert!((stated.camera.center() - real.center()).length() < 1e-5);
         }
     }
 }

@@ -1,17 +1,17 @@
-//! What can be known at all: which points of a surface at least two views see.
+//! Visibility: which points of a surface at least two views see, and can therefore be known.
 
 use dvr_core::mesh::Mesh;
 use dvr_core::{Bvh, Camera, Ray};
 use glam::Vec3;
 use rayon::prelude::*;
 
-/// Views that must see a point for its place to be known.
+/// Number of views that must see a point for its position to be known.
 const VIEWS: usize = 2;
 
 /// Cosine between normal and line of sight below which a view does not see a point: 80 degrees.
 const MIN_COSINE: f64 = 0.174;
 
-/// Where a line of sight may end before the point, as a share of the distance: rounding of the surface itself.
+/// How far before the point a line of sight may end, as a share of the distance: rounding of the surface itself.
 const CLEARANCE: f64 = 1e-3;
 
 /// Whether at least two of the cameras see each point of a mesh: in the frame, from its outer side, with nothing of the
@@ -49,7 +49,7 @@ mod tests {
         let (front, back) = (Vec3::Z * 0.3, -Vec3::Z * 0.3);
         let both = |mesh: &Mesh| seen(mesh, &[front, back], &[Vec3::Z, -Vec3::Z], &cameras);
         assert_eq!(both(&ball), [true, false]);
-        assert_eq!(seen(&ball, &[front], &[Vec3::Z], &cameras[..1]), [false], "one view does not do");
+        assert_eq!(seen(&ball, &[front], &[Vec3::Z], &cameras[..1]), [false], "one view is not enough");
         let mut screen = icosphere(2, 0.2);
         screen.vertices.iter_mut().for_each(|v| *v += Vec3::Z);
         assert_eq!(both(&union([ball, screen])), [false, false]);

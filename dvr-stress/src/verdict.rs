@@ -1,4 +1,4 @@
-//! What a reconstruction is worth: measured against the truth, then judged.
+//! Measures a reconstruction against the true shape, and gives a verdict.
 
 use dvr_core::mesh::{Mesh, Topology};
 use dvr_core::metrics::alignment::align_to_surface;
@@ -11,32 +11,32 @@ use crate::axis::Case;
 use crate::scene::true_cameras;
 use crate::sight::seen;
 
-/// How a cell ended. All but the first are failures, the gravest first.
+/// The verdict on a reconstruction. All but the first are failures, the gravest first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Verdict {
-    /// As good as can be asked for.
+    /// Within the tolerances.
     Solved,
-    /// The method gave up, and said why.
+    /// The method stopped with an error.
     Refused,
     /// There is no surface.
     Empty,
-    /// Coordinates that are no numbers, or a surface of ten times the true area: foam.
+    /// Coordinates that are not finite, or a surface with ten times the true area (foam).
     Exploded,
     /// The surface is not watertight.
     Open,
     /// Worse than the visual hull, which needs no training, by more than a tenth of a pixel's footprint.
     WorseThanHull,
-    /// The part that the axis is about is not there.
+    /// The part that the axis is about is missing.
     PartLost,
     /// More or fewer handles than the truth.
     WrongHandles,
-    /// Farther from the truth than half a pixel's footprint.
+    /// Farther from the true shape than half a pixel's footprint.
     Inaccurate,
 }
 
 impl Verdict {
-    /// As tables have it.
+    /// Its name in tables.
     pub fn name(self) -> &'static str {
         match self {
             Self::Solved => "solved",
@@ -52,47 +52,47 @@ impl Verdict {
     }
 }
 
-/// A reconstruction against the truth. Lengths are in object units.
+/// Figures of a reconstruction against the true shape. Lengths are in object units.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Figures {
     /// Faces of the mesh; 0 where there is none.
     pub faces: usize,
-    /// Whether all coordinates are numbers.
+    /// Whether all coordinates are finite.
     pub finite: bool,
     /// Surface area, as a multiple of the true one.
     pub area_ratio: f64,
-    /// Whether it is closed, and its pieces.
+    /// Whether it is closed, its connected components and its handles.
     pub topology: Topology,
     /// Chamfer-L1 of the whole surfaces; `None` without a mesh.
     pub chamfer_l1: Option<f64>,
-    /// Chamfer-L1 of what at least two views see of both surfaces: what can be known. This one is judged.
+    /// Chamfer-L1 of the parts of both surfaces that at least two views see. This one is judged.
     pub seen_chamfer_l1: Option<f64>,
-    /// What the true surface, sampled twice, scores.
+    /// Chamfer-L1 of two samplings of the true surface.
     pub floor: f64,
     /// Mean distance from the part that the axis is about to the nearest surface, where there is such a part.
     pub part_distance: Option<f64>,
 }
 
-/// Farthest a surface may be from the truth beyond the floor, pixels' footprints.
+/// Largest Chamfer-L1 above the floor, pixels' footprints.
 const TOLERANCE: f64 = 0.5;
 
-/// How much worse than the hull is worse, pixels' footprints.
+/// How much larger than the hull's the Chamfer-L1 may be, pixels' footprints.
 const HULL_MARGIN: f64 = 0.1;
 
-/// How far a part may be from the nearest surface to count as found, pixels' footprints.
+/// Largest distance of a part from the nearest surface to count as found, pixels' footprints.
 const PART_REACH: f64 = 1.0;
 
-/// A surface of so many times the true area is no surface.
+/// A surface with more than this multiple of the true area has exploded.
 const FOAM: f64 = 10.0;
 
-/// Points of each surface: their spacing, which the floor tells, is a tenth of a pixel's footprint.
+/// Samples of each surface: their spacing, which the floor shows, is a tenth of a pixel's footprint.
 const SAMPLES: usize = 30_000;
 
-/// Points whose lines of sight are looked at.
+/// Samples whose visibility is computed.
 const SIGHT_SAMPLES: usize = 6_000;
 
-/// Measures a mesh in object space, or that there is none. Where the cameras were wrong, the mesh is first brought to
-/// where it is nearest to the truth.
+/// Measures a mesh in object space; `None` is a reconstruction without a mesh. With wrong cameras, the mesh is first
+/// aligned with the true shape.
 ///
 /// # Errors
 /// When the true mesh has no area.
@@ -119,7 +119,7 @@ pub fn measure(case: &Case, seed: u64, mesh: Option<&Mesh>) -> Result<Figures> {
     }
     let real = sample_surface(truth, SAMPLES, seed.wrapping_add(3));
     if case.faults.displace_cameras() {
-        // Where everything stands, how it is turned and how large it is only cameras tell, and these are wrong.
+        // Position, rotation and scale follow from the cameras, and these are wrong.
         let aligned = align_to_surface(&PointCloud::from(found), &PointCloud::from(real.clone()))?;
         let mesh = mesh.clone().transformed(&aligned);
         return compared(case, seed, &mesh, &real, figures);
@@ -127,7 +127,7 @@ pub fn measure(case: &Case, seed: u64, mesh: Option<&Mesh>) -> Result<Figures> {
     compared(case, seed, mesh, &real, figures)
 }
 
-/// Completes figures with the distances between a mesh and samples of the truth.
+/// Completes figures with the distances between a mesh and samples of the true shape.
 fn compared(case: &Case, seed: u64, mesh: &Mesh, real: &SurfaceSamples, mut figures: Figures) -> Result<Figures> {
     let truth = &case.object.mesh;
     let found = sample_surface(mesh, SAMPLES, seed.wrapping_add(2));
@@ -158,7 +158,7 @@ pub fn judge(case: &Case, figures: &Figures, hull: Option<&Figures>) -> Verdict 
     if figures.faces == 0 {
         return Verdict::Empty;
     }
-    // Where nothing of the surface is seen, nothing of it is right.
+    // Where nothing of the surface is seen, nothing of it is correct.
     let (true, Some(chamfer)) = (figures.finite, figures.seen_chamfer_l1.or(figures.chamfer_l1)) else {
         return Verdict::Exploded;
     };
@@ -204,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn the_truth_is_solved_and_nothing_is_empty() {
+    fn the_true_shape_is_solved_and_no_mesh_is_empty() {
         let case = case("views", 24.0);
         assert_eq!(verdict(&case, Some(&case.object.mesh), None), Verdict::Solved);
         assert_eq!(verdict(&case, None, None), Verdict::Empty);
@@ -212,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_that_are_none_and_foam_are_exploded() {
+    fn nan_and_foam_are_exploded() {
         let case = case("views", 24.0);
         let mut broken = case.object.mesh.clone();
         broken.vertices[7].x = f32::NAN;

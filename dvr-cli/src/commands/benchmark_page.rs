@@ -1,4 +1,4 @@
-//! What `bench` and `stress` leave to look at: `charts/*.svg`, `charts/*.csv`, and `report.html` with all of them.
+//! The benchmark page of `bench` and `stress`: `charts/*.svg`, `charts/*.csv`, and `report.html` with all of them.
 
 use std::path::{Path, PathBuf};
 
@@ -37,8 +37,7 @@ impl BenchmarkPage {
 
     /// Writes the page.
     pub fn save(self, title: &str, machine: &Machine) -> Result<()> {
-        let footer =
-            format!("{}. This file holds everything that it shows and asks nothing of the network.", machine.program);
+        let footer = format!("{}. This file is complete: it loads nothing from the network.", machine.program);
         let page = Page { title: title.into(), subtitle: machine.to_string(), sections: self.sections, footer };
         Ok(write_bytes_atomically(&self.folder.join("report.html"), page.to_html().as_bytes())?)
     }

@@ -1,4 +1,4 @@
-//! `dvr export`: the network of a run for other programs.
+//! `dvr export`: the network of a run as safetensors.
 
 use std::process::ExitCode;
 

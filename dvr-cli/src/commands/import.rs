@@ -1,4 +1,4 @@
-//! `dvr import`: a checkpoint of the original as a run.
+//! `dvr import`: a checkpoint of DVR's reference code as a run.
 
 use std::path::Path;
 use std::process::ExitCode;
@@ -39,7 +39,7 @@ pub fn run(args: &ImportArgs) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// What was found, in one line.
+/// The checkpoint in one line.
 fn summary(found: &PytorchCheckpoint) -> String {
     let (decoder, encoder, has_moments) = match &found.network {
         ImportedNetwork::Decoder(network) => (&network.config, None, network.adam.is_some()),
@@ -57,7 +57,7 @@ fn summary(found: &PytorchCheckpoint) -> String {
     )
 }
 
-/// The command that shows what was imported.
+/// The command to try next.
 fn next(found: &PytorchCheckpoint, args: &ImportArgs) -> String {
     let out = args.out.display();
     match &found.network {
@@ -78,23 +78,23 @@ fn read_codes(path: &Path) -> Result<Vec<Vec<f32>>> {
     let name = match file.names() {
         names if names.iter().any(|name| name == "codes") => "codes".to_owned(),
         [only] => only.clone(),
-        names => bail!("{}: no array is called \"codes\", of {}", path.display(), names.join(", ")),
+        names => bail!("{}: there is no array \"codes\" among {}", path.display(), names.join(", ")),
     };
     let array = file.read(&name)?;
     let [_, length] = array.shape[..] else {
-        bail!("{}: {name} has the shape {:?}; a row an object is needed", path.display(), array.shape);
+        bail!("{}: {name} has the shape {:?}; one row per object is expected", path.display(), array.shape);
     };
     if length == 0 {
         bail!("{}: {name} has rows of length 0", path.display());
     }
     let values = array.to_f64();
     if values.iter().any(|value| !value.is_finite()) {
-        bail!("{}: {name} has values that are no numbers", path.display());
+        bail!("{}: {name} has values that are not finite", path.display());
     }
     Ok(values.chunks_exact(length).map(|row| row.iter().map(|&value| value as f32).collect()).collect())
 }
 
-/// The scene or dataset of the run. Object space is that of the files, as the original takes it.
+/// The scene or dataset of the run. Object space is that of the files, as in DVR's reference code.
 fn scene_of(data: &Path, args: &ImportArgs, config: Option<&ReferenceConfig>) -> Result<ImportedScene> {
     let mut reading = SceneReading::of_arguments(&args.reading);
     let options = &mut reading.options;

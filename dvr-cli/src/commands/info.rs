@@ -1,4 +1,4 @@
-//! `dvr info`: what is in a scene, and what may go wrong with it.
+//! `dvr info`: a scene's views, masks and bounds, with warnings.
 
 use std::process::ExitCode;
 
@@ -10,10 +10,10 @@ use serde::Serialize;
 use super::{SceneReading, print_notes, refinement_notes};
 use crate::args::InfoArgs;
 
-/// Voxels along an edge of the hull that the masks are tested with.
+/// Voxels per edge of the hull that masks are tested with.
 const HULL_RESOLUTION: usize = 96;
 
-/// Share of a mask that the hull may leave unexplained before a user is told.
+/// Share of a mask that the hull may leave unexplained without a warning.
 const UNEXPLAINED_WARNING: f64 = 0.02;
 
 /// What is printed with `--json`.

@@ -1,5 +1,5 @@
-//! Trainings as processes of their own, the very commands that a user would give: nothing is warm, their time is
-//! theirs, and whatever becomes of one does not end the others. What is done is stored and not done again.
+//! Trainings as separate processes, the same commands that a user would give: no caches are warm, times are their own,
+//! and a failure does not end the others. Results are stored and not computed again.
 
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -13,34 +13,34 @@ use serde::de::DeserializeOwned;
 
 use crate::args::Variant;
 
-/// A training that is to be carried out.
+/// A training to run.
 pub struct Job<'a> {
     /// The scene.
     pub scene: &'a Path,
-    /// Where it goes; what is there is replaced.
+    /// Its run folder, which is replaced.
     pub folder: &'a RunFolder,
     /// How to reconstruct.
     pub variant: &'a Variant,
-    /// What teaches it.
+    /// What supervises it.
     pub supervision: &'a str,
     /// Seed of all random choices.
     pub seed: u64,
-    /// When to stop training.
+    /// Time limit of training.
     pub time: Option<Duration>,
-    /// Whether the shape is compared with the truth on the way.
+    /// Whether Chamfer-L1 is measured at each validation.
     pub follow_shape: bool,
 }
 
 /// How a training ended.
 pub enum Ended {
-    /// With figures, though perhaps without a mesh.
+    /// With figures, possibly without a mesh.
     Measured {
         /// The figures.
         metrics: Box<RunMetrics>,
         /// Wall seconds from the start of the program to its end.
         seconds: f64,
     },
-    /// Without.
+    /// Without figures.
     Failed {
         /// The error that it printed last.
         said: String,
@@ -50,7 +50,7 @@ pub enum Ended {
 }
 
 impl Job<'_> {
-    /// Carries the training out.
+    /// Runs the training.
     pub fn run(&self) -> Result<Ended> {
         let start = Instant::now();
         let mut command = Command::new(std::env::current_exe().context("this program cannot be started again")?);
@@ -74,7 +74,7 @@ impl Job<'_> {
         }
         let output = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped()).output()?;
         let seconds = start.elapsed().as_secs_f64();
-        // A run without a mesh leaves its figures and says so by its exit code; what else fails leaves none.
+        // A run without a mesh writes its figures and fails; other failures write none.
         let metrics = std::fs::read_to_string(self.folder.metrics_json()).ok();
         let metrics: Option<RunMetrics> = metrics.and_then(|text| serde_json::from_str(&text).ok());
         Ok(match metrics {
@@ -89,8 +89,8 @@ impl Job<'_> {
     }
 }
 
-/// What is stored at `path`, or else what `make` gives, stored there. Either way it is what the file says: numbers may
-/// differ from those that were written in their last digit.
+/// The value stored at `path`, or else the value of `make`, which is stored there. Either way it is read from JSON:
+/// numbers may differ in their last digit from those that were written.
 pub fn once<T: Serialize + DeserializeOwned>(path: &Path, make: impl FnOnce() -> Result<T>) -> Result<T> {
     if let Some(stored) = stored(path)? {
         return Ok(stored);
@@ -100,7 +100,7 @@ pub fn once<T: Serialize + DeserializeOwned>(path: &Path, make: impl FnOnce() ->
     Ok(serde_json::from_str(&text)?)
 }
 
-/// What is stored at `path`, if anything is.
+/// The value stored at `path`, if there is one.
 pub fn stored<T: DeserializeOwned>(path: &Path) -> Result<Option<T>> {
     let Ok(text) = std::fs::read_to_string(path) else { return Ok(None) };
     serde_json::from_str(&text).map(Some).with_context(|| format!("{} is damaged; remove it", path.display()))

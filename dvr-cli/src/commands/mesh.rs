@@ -1,4 +1,4 @@
-//! `dvr mesh`: the mesh of a run, again.
+//! `dvr mesh`: the mesh of a run.
 
 use std::process::ExitCode;
 
@@ -10,7 +10,7 @@ use super::{SCENE_RESOLUTION, load_model, load_run, mesh_options, print_notes, s
 use crate::args::MeshArgs;
 use crate::memory;
 
-/// Rays that look for parts which the coarse grid may miss.
+/// Rays for seed points in parts that the coarse grid may miss.
 const SEED_RAYS: usize = 2_000;
 
 /// Extracts and writes.
@@ -30,7 +30,7 @@ pub fn run(args: &MeshArgs) -> Result<ExitCode> {
         Some(Ok(scene)) => ViewSplit::new(scene, checkpoint.header.common.hold_out_every)?.train,
         Some(Err(error)) if args.data.is_some() => bail!("{error:#}"),
         Some(Err(_)) => {
-            eprintln!("note: the run's scene is not where it was (--data says where): colours come from the field");
+            eprintln!("note: the run's scene was not found (give its folder with --data): colours come from the field");
             Vec::new()
         }
     };
@@ -40,7 +40,7 @@ pub fn run(args: &MeshArgs) -> Result<ExitCode> {
     let mesh = if args.object_space {
         extracted.mesh
     } else {
-        // That of the run, unless it was imported before anybody knew its scene.
+        // An imported run may not have known its scene.
         let object_to_world = match &scene {
             Some(Ok(scene)) => &scene.object_to_world,
             _ => &checkpoint.header.object_to_world,

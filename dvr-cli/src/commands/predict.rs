@@ -17,10 +17,10 @@ use crate::args::PredictArgs;
 use crate::memory;
 use crate::progress::Progress;
 
-/// What surrounds the object with --crop, as a share of its larger side.
+/// Margin around the object with --crop, as a share of its larger side.
 const MARGIN: f64 = 0.1;
 
-/// One picture and what is made of it.
+/// One picture and its results.
 struct Task {
     picture: PathBuf,
     /// Files without their endings, unique.
@@ -32,13 +32,13 @@ impl Task {
         ["glb", "ply", "png"].map(|ending| PathBuf::from(format!("{}.{ending}", self.target.display())))
     }
 
-    /// Whether a run before this one has done it.
+    /// Whether an earlier call has done it.
     fn is_done(&self) -> bool {
         self.files().iter().all(|file| file.is_file())
     }
 }
 
-/// Predicts every picture; one that cannot be used is told of and left out.
+/// Predicts every picture; pictures that cannot be used are named and left out.
 pub fn run(args: &PredictArgs) -> Result<ExitCode> {
     let checkpoint = load_run(&args.run)?;
     let device = args.backend.backend.device()?;
@@ -104,7 +104,7 @@ fn make(
     Ok(write_rgb_png(&png, &prediction.preview)?)
 }
 
-/// What the encoder is to see of a file.
+/// The encoder's input for a file.
 fn input(path: &Path, args: &PredictArgs, size: usize, masks: Option<&HashMap<String, PathBuf>>) -> Result<RgbImage> {
     let photo = read_photo(path)?;
     let mask: Option<Mask> = match (masks, args.background) {

@@ -1,4 +1,4 @@
-//! `dvr render`: images of a run.
+//! `dvr render`: renders of a run.
 
 use std::path::Path;
 use std::process::ExitCode;
@@ -18,8 +18,8 @@ use crate::args::{Animation, Cameras, RenderArgs, UpAxis};
 use crate::memory;
 use crate::progress::Progress;
 
-/// Frames a second of the turntable.
-const FRAMES_A_SECOND: u32 = 18;
+/// Frames per second of the turntable.
+const FRAMES_PER_SECOND: u32 = 18;
 
 /// Renders and writes.
 pub fn run(args: &RenderArgs) -> Result<ExitCode> {
@@ -65,7 +65,7 @@ pub fn run(args: &RenderArgs) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// The pictures of one frame that were asked for.
+/// Writes the files of one frame.
 fn write_frame(
     folder: &Path,
     name: &str,
@@ -87,7 +87,7 @@ fn write_frame(
     Ok(())
 }
 
-/// Cameras on a circle around the object, all of it in the picture.
+/// Cameras on a circle around the object, which is completely in the frame.
 fn orbit(args: &RenderArgs, up: DVec3) -> Vec<(String, Camera)> {
     let camera = |i| orbit_camera(args.size, 360.0 * f64::from(i) / f64::from(args.frames), args.elevation, up);
     (0..args.frames).map(|i| (format!("orbit_{i:04}"), camera(i))).collect()
@@ -104,14 +104,14 @@ fn axis_vector(axis: UpAxis) -> DVec3 {
     }
 }
 
-/// An endless GIF.
+/// A GIF that repeats without end.
 fn turntable(frames: Vec<RgbImage>) -> Result<Vec<u8>> {
     let mut bytes = Vec::new();
     let mut encoder = GifEncoder::new_with_speed(&mut bytes, 10);
     encoder.set_repeat(Repeat::Infinite)?;
     for frame in frames {
         let rgba = image::DynamicImage::ImageRgb8(frame).into_rgba8();
-        encoder.encode_frame(Frame::from_parts(rgba, 0, 0, Delay::from_numer_denom_ms(1000, FRAMES_A_SECOND)))?;
+        encoder.encode_frame(Frame::from_parts(rgba, 0, 0, Delay::from_numer_denom_ms(1000, FRAMES_PER_SECOND)))?;
     }
     drop(encoder);
     Ok(bytes)

@@ -1,4 +1,4 @@
-//! `dvr synth`: meshes to a ShapeNet-style dataset.
+//! `dvr synth`: renders meshes into a ShapeNet-style dataset.
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -11,7 +11,7 @@ use super::print_notes;
 use crate::args::SynthArgs;
 use crate::progress::Progress;
 
-/// File endings of meshes that are read.
+/// File extensions of meshes.
 const MESH_ENDINGS: [&str; 5] = ["obj", "ply", "off", "glb", "gltf"];
 
 /// Renders and writes.

@@ -1,4 +1,4 @@
-//! Cameras that are not quite where they are said to be.
+//! Errors of cameras.
 
 use std::f64::consts::TAU;
 
@@ -7,7 +7,7 @@ use glam::{DMat3, DVec3};
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 
-/// A direction without preference.
+/// A uniformly random direction.
 fn direction(rng: &mut ChaCha8Rng) -> DVec3 {
     let z: f64 = rng.random_range(-1.0..1.0);
     let (sin, cos) = rng.random_range(0.0..TAU).sin_cos();
@@ -15,7 +15,7 @@ fn direction(rng: &mut ChaCha8Rng) -> DVec3 {
     DVec3::new(radius * cos, radius * sin, z)
 }
 
-/// Turns a camera on the spot by so many degrees about a random axis.
+/// Rotates a camera about its centre by this angle about a random axis.
 pub(super) fn turn(camera: &mut Camera, degrees: f64, rng: &mut ChaCha8Rng) {
     turn_about(camera, DMat3::from_axis_angle(direction(rng), degrees.to_radians()));
 }
@@ -34,7 +34,7 @@ pub(super) fn zoom(camera: &mut Camera, factor: f64) {
     camera.intrinsics.y_axis.x /= factor;
 }
 
-/// Points a camera so that what was in the middle of the frame is so many frames off it, in a random direction.
+/// Rotates a camera so that the centre of the frame moves by this many frames, in a random direction.
 pub(super) fn look_aside(camera: &mut Camera, frames: f64, rng: &mut ChaCha8Rng) {
     let pixels = frames * f64::from(camera.width.min(camera.height));
     let angle = (pixels / camera.intrinsics.x_axis.x).atan();
@@ -42,7 +42,7 @@ pub(super) fn look_aside(camera: &mut Camera, frames: f64, rng: &mut ChaCha8Rng)
     turn_about(camera, DMat3::from_axis_angle(DVec3::new(cos, sin, 0.0), angle));
 }
 
-/// Turns the camera's own axes; it stays where it is.
+/// Rotates a camera about its centre.
 fn turn_about(camera: &mut Camera, turn: DMat3) {
     let center = camera.center();
     camera.rotation = turn * camera.rotation;
@@ -64,7 +64,7 @@ mod tests {
     }
 
     #[test]
-    fn a_turned_camera_is_off_by_the_angle_stated_and_stands_where_it_did() {
+    fn a_rotated_camera_is_off_by_the_angle_and_keeps_its_centre() {
         for degrees in [0.1, 0.5, 5.0] {
             let (right, mut turned) = (camera(), camera());
             turn(&mut turned, degrees, &mut rng());
@@ -76,7 +76,7 @@ mod tests {
     }
 
     #[test]
-    fn a_shifted_camera_is_off_by_the_share_stated() {
+    fn a_shifted_camera_is_off_by_the_share() {
         let (right, mut shifted) = (camera(), camera());
         shift(&mut shifted, 0.02, &mut rng());
         assert!(((shifted.center() - right.center()).length() / right.center().length() - 0.02).abs() < 1e-12);
@@ -93,7 +93,7 @@ mod tests {
     }
 
     #[test]
-    fn a_camera_that_looks_aside_has_the_object_where_it_says() {
+    fn a_camera_that_looks_aside_has_the_object_off_centre() {
         let mut aside = camera();
         look_aside(&mut aside, 0.5, &mut rng());
         assert!(((aside.project(DVec3::ZERO).0 - 32.0).length() - 32.0).abs() < 1e-6, "on the border");

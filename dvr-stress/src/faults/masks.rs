@@ -1,4 +1,4 @@
-//! Masks as people and programs really make them.
+//! Errors of masks.
 
 use dvr_core::Mask;
 use image::{GrayImage, Luma};
@@ -9,7 +9,7 @@ use rand_chacha::ChaCha8Rng;
 /// Radius of a hole, pixels.
 const HOLE: f64 = 2.5;
 
-/// How far a mask that shows something else is moved, in frames.
+/// How far a wrong mask is moved, in frames.
 const ASIDE: f64 = 0.4;
 
 fn mask_where(size: (u32, u32), is_object: impl Fn(u32, u32) -> bool) -> Mask {
@@ -23,8 +23,8 @@ fn disc(radius: f64) -> Vec<(i64, i64)> {
     (-reach..=reach).flat_map(|y| (-reach..=reach).map(move |x| (x, y))).filter(within).collect()
 }
 
-/// The mask grown by so many pixels on all sides, or shrunk where it is negative. What is beyond the frame does not
-/// shrink it.
+/// The mask grown by this many pixels on all sides, or shrunk where it is negative. The frame's border does not shrink
+/// it.
 pub(super) fn grown(mask: &Mask, pixels: f64) -> Mask {
     if pixels == 0.0 {
         return mask.clone();
@@ -65,7 +65,7 @@ pub(super) fn punch(mask: &mut Mask, share: f64, rng: &mut ChaCha8Rng) {
     }
 }
 
-/// Turns each pixel with this probability.
+/// Flips each pixel with this probability.
 pub(super) fn speckle(mask: &mut Mask, share: f64, rng: &mut ChaCha8Rng) {
     for pixel in mask.coverage.pixels_mut() {
         if rng.random_bool(share.clamp(0.0, 1.0)) {
@@ -74,7 +74,7 @@ pub(super) fn speckle(mask: &mut Mask, share: f64, rng: &mut ChaCha8Rng) {
     }
 }
 
-/// The mask of something else: the same outline somewhere else in the frame.
+/// A wrong mask: the same outline elsewhere in the frame.
 pub(super) fn moved_aside(mask: &Mask) -> Mask {
     let (width, height) = mask.size();
     let shift = (ASIDE * f64::from(width)).round() as u32;
@@ -96,7 +96,7 @@ mod tests {
     }
 
     #[test]
-    fn masks_are_grown_and_shrunk_by_as_many_pixels_as_stated() {
+    fn masks_grow_and_shrink_by_whole_pixels() {
         for pixels in [1.0, 2.0, 4.0] {
             let k = pixels as u32;
             let larger = grown(&square(), pixels);
@@ -108,7 +108,7 @@ mod tests {
     }
 
     #[test]
-    fn holes_take_the_share_stated_and_nothing_outside() {
+    fn holes_take_their_share_and_nothing_outside() {
         let mut mask = square();
         punch(&mut mask, 0.2, &mut rng());
         assert_eq!(mask.object_pixels(), 320);
@@ -116,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn speckle_turns_the_share_stated_of_both_kinds() {
+    fn speckle_flips_its_share_of_both_kinds() {
         let mut mask = mask_where((100, 100), |u, _| u < 50);
         speckle(&mut mask, 0.1, &mut rng());
         let turned = |object: bool| {

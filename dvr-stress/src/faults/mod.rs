@@ -1,4 +1,4 @@
-//! What can be wrong with photographs that are otherwise easy.
+//! Faults of masks and cameras.
 
 mod cameras;
 mod masks;
@@ -17,38 +17,38 @@ pub struct Faults {
     pub grown_masks: f64,
     /// Share of each mask that is lost to round holes.
     pub holes: f64,
-    /// Share of all pixels whose mask says the opposite.
+    /// Share of all pixels whose mask is flipped.
     pub speckle: f64,
-    /// Masks that show something else altogether: they are moved aside by 40 % of the frame.
+    /// Number of wrong masks: they are moved by 40 % of the frame.
     pub wrong_masks: usize,
-    /// Degrees by which each camera is turned from what is said of it, about an axis of its own.
+    /// Rotation error of each camera about a random axis, degrees.
     pub rotation: f64,
-    /// How far each camera stands from where it is said to, in shares of its distance, in a direction of its own.
+    /// Position error of each camera in a random direction, as a share of its distance.
     pub translation: f64,
-    /// Error of the focal length, as a share; of one sign in half of the views, of the other in the rest.
+    /// Error of the focal length, as a share; positive in half of the views, negative in the others.
     pub focal: f64,
-    /// How far off the middle of the frame the object is, in frames: at a half, its middle lies on the border.
+    /// How far the object is from the centre of the frame, in frames: at a half, its centre lies on the border.
     pub aside: f64,
 }
 
-/// Views that `dvr train` holds out where the dataset does not say: one in eight, the middle one. Wrong masks are put
-/// elsewhere, or they would do no harm.
+/// Views that training holds out by default: one in eight, the middle one. Wrong masks are put elsewhere, so that they
+/// are trained on.
 const HELD_OUT: (usize, usize) = (8, 4);
 
 impl Faults {
-    /// Whether cameras are not where they are said to be.
+    /// Whether the stated cameras are wrong.
     pub fn displace_cameras(&self) -> bool {
         self.rotation != 0.0 || self.translation != 0.0 || self.focal != 0.0
     }
 
-    /// Where the cameras really point.
+    /// Aims the cameras from which pictures are rendered.
     pub(crate) fn aim(&self, cameras: &mut [Camera], seed: u64) {
         for (view, camera) in cameras.iter_mut().enumerate().filter(|_| self.aside > 0.0) {
             cameras::look_aside(camera, self.aside, &mut rng(seed, view, 1));
         }
     }
 
-    /// What is said of the pictures.
+    /// Applies the faults to what is stated of the pictures: cameras and masks.
     pub(crate) fn spoil(&self, shots: &mut [Shot], seed: u64) {
         for (view, shot) in shots.iter_mut().enumerate() {
             cameras::turn(&mut shot.camera, self.rotation, &mut rng(seed, view, 2));
@@ -67,14 +67,14 @@ impl Faults {
     }
 }
 
-/// Moves a camera by a share of its distance from the origin, then turns it on the spot by so many degrees, each in or
-/// about a random direction.
+/// Moves a camera by a share of its distance from the origin in a random direction, then rotates it about its centre by
+/// `degrees` about a random axis.
 pub fn displace_camera(camera: &mut Camera, degrees: f64, share: f64, rng: &mut ChaCha8Rng) {
     cameras::shift(camera, share, rng);
     cameras::turn(camera, degrees, rng);
 }
 
-/// Evenly spread views among those that are trained on.
+/// Views with wrong masks: evenly spread among those that are trained on.
 pub(crate) fn wrong_views(views: usize, wrong: usize) -> Vec<usize> {
     let (every, held) = HELD_OUT;
     let eligible: Vec<usize> = (0..views).filter(|view| view % every != held).collect();

@@ -1,4 +1,4 @@
-//! What silhouettes cannot tell: the inside of bowls, and of tunnels that no view looks through.
+//! Concavities that silhouettes do not show: the inside of bowls, and of tunnels.
 
 use std::f32::consts::TAU;
 
@@ -6,15 +6,15 @@ use dvr_core::mesh::Mesh;
 use dvr_core::mesh::shapes::{Frame, loft, revolve};
 use glam::{Vec2, Vec3};
 
-use super::{faceted, tilted};
+use super::placement::{faceted, tilted};
 
-/// Corners of a circle.
+/// Vertices of a circle.
 const AROUND: u32 = 72;
 
 /// Wall and bottom of a bowl, object units: three pixels.
 const WALL: f32 = 0.08;
 
-/// A round bowl with upright walls that is so many times as deep as its opening is wide.
+/// A round bowl with upright walls. `depth` is its depth as a multiple of the width of its opening.
 pub(crate) fn bowl(depth: f64) -> Mesh {
     let depth = depth as f32;
     let inner = (0.36 - WALL).min((0.75 - WALL) / (2.0 * depth));
@@ -24,7 +24,7 @@ pub(crate) fn bowl(depth: f64) -> Mesh {
     tilted(faceted(revolve(&profile, AROUND)))
 }
 
-/// A thick pipe whose bore is so many times as long as it is wide.
+/// A thick pipe. `length` is the length of its bore as a multiple of the bore's width.
 pub(crate) fn tunnel(length: f64) -> Mesh {
     let length = length as f32;
     let inner = 0.22f32.min(0.35 / length);
@@ -46,11 +46,11 @@ mod tests {
 
     use dvr_core::mesh::Topology;
 
-    use super::super::measures::volume;
     use super::*;
+    use crate::shapes::measures::volume;
 
     #[test]
-    fn a_bowl_is_closed_and_holds_as_much_as_its_depth_says() {
+    fn a_bowl_is_closed_and_its_volume_follows_its_depth() {
         for depth in [0.25f32, 1.0, 2.0] {
             let mesh = bowl(depth.into());
             let topology = Topology::of(&mesh);

@@ -13,7 +13,7 @@ fn ball(radius: f32, center: Vec3) -> Mesh {
 /// Direction in which the parts lie.
 const DIRECTION: Vec3 = Vec3::new(0.48, 0.6, 0.64);
 
-/// Two equal balls whose surfaces are so many radii apart; together they are as long as the object may be.
+/// Two equal balls with a gap of `gap` radii; together they are as long as the object may be.
 pub(crate) fn far_apart(gap: f64) -> [Mesh; 2] {
     let radius = 0.84 / (gap as f32 + 4.0);
     let center = (0.5 * gap as f32 + 1.0) * radius * DIRECTION;

@@ -4,7 +4,7 @@ use dvr_core::mesh::Mesh;
 use dvr_core::mesh::shapes::{icosphere, vertex_normals};
 use glam::Vec3;
 
-/// A pebble with dents: round enough to be easy, and with hollows that silhouettes alone do not show.
+/// A pebble with dents: round enough to be easy, with hollows that silhouettes alone do not show.
 pub(crate) fn pebble() -> Mesh {
     let ball = icosphere(5, 1.0);
     let radius = |n: Vec3| {
@@ -23,7 +23,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_pebble_is_one_closed_piece_in_the_cube() {
+    fn a_pebble_is_one_closed_component_in_the_cube() {
         let mesh = pebble();
         assert_eq!(Topology::of(&mesh).handles(), Some(0));
         assert!(mesh.vertices.iter().all(|v| v.abs().max_element() < 0.45));

@@ -5,14 +5,14 @@ use std::collections::HashMap;
 use dvr_core::mesh::Mesh;
 use glam::Vec3;
 
-use super::tilted;
+use super::placement::tilted;
 
 /// Edge of the plate's longer side, object units.
 const EDGE: f32 = 0.72;
 
-/// A thick plate with so many square holes, as wide as the bars between them: a surface of that genus.
+/// A thick plate with square holes, as wide as the bars between them: a surface whose genus is the number of holes.
 pub(crate) fn perforated(holes: usize) -> Mesh {
-    // As square as can be: 20 is 5 by 4.
+    // As square as possible: 20 is 5 by 4.
     let rows = (1..=holes).filter(|rows| rows * rows <= holes && holes.is_multiple_of(*rows)).max().unwrap_or(1);
     let columns = holes / rows;
     let cells = [2 * columns + 1, 2 * rows + 1];
@@ -58,11 +58,11 @@ pub(crate) fn perforated(holes: usize) -> Mesh {
 mod tests {
     use dvr_core::mesh::Topology;
 
-    use super::super::measures::volume;
     use super::*;
+    use crate::shapes::measures::volume;
 
     #[test]
-    fn a_plate_of_so_many_holes_has_that_genus() {
+    fn the_genus_of_a_plate_is_its_number_of_holes() {
         for holes in [1, 2, 4, 9, 20] {
             let mesh = perforated(holes);
             let topology = Topology::of(&mesh);

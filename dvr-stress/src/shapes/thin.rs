@@ -4,7 +4,7 @@ use dvr_core::mesh::Mesh;
 use dvr_core::mesh::shapes::{Frame, cuboid, loft, torus};
 use glam::{Vec2, Vec3};
 
-use super::{faceted, tilted};
+use super::placement::{faceted, tilted};
 
 /// A round rod of this radius, bent to a ring: it has no ends, and runs in all directions of a plane.
 pub(crate) fn ring(radius: f64) -> Mesh {
@@ -52,8 +52,8 @@ mod tests {
 
     use std::f32::consts::TAU;
 
-    use super::super::measures::{extent, volume};
     use super::*;
+    use crate::shapes::measures::{extent, volume};
 
     #[test]
     fn a_ring_has_the_volume_of_a_rod_of_its_radius() {

@@ -1,4 +1,4 @@
-//! Results as charts: quality against time, with the spread of seeds; what nothing beats; bytes against quality.
+//! Results as charts: quality against time with the range of seeds, Pareto fronts, quality against size.
 
 use std::path::Path;
 
@@ -6,23 +6,23 @@ use anyhow::Result;
 use dvr_report::chart::{Axis, Better, Chart, Series};
 use dvr_report::{Curves, table};
 
-use super::folder_name;
+use super::plan::folder_name;
 use super::results::{Outcome, Results};
 use super::table::{grouped, rows};
 use crate::commands::benchmark_page::BenchmarkPage;
 
-/// A number that a chart's axis shows.
+/// A figure on an axis of a chart.
 type Figure = fn(&Outcome) -> Option<f64>;
 
-/// Chamfer-L1 above what the truth itself scores; where no floor was measured, Chamfer-L1 as it is.
+/// Chamfer-L1 above its floor, or as it is where no floor was measured.
 fn chamfer_above_floor(outcome: &Outcome) -> Option<f64> {
     Some(outcome.chamfer_l1? - outcome.floor.unwrap_or(0.0))
 }
 
-/// The column of `metrics.csv` with the shape's distance from the truth.
+/// The column of `metrics.csv` with Chamfer-L1.
 const CHAMFER: &str = "chamfer_l1";
 
-/// What charts show of it.
+/// Its title on charts.
 const CHAMFER_TITLE: &str = "Chamfer-L1 above its floor, cube edges";
 
 /// Writes `charts/*.svg`, `charts/*.csv` and `report.html` into the folder of a bench.
@@ -30,8 +30,7 @@ pub fn write(results: &Results, folder: &Path) -> Result<()> {
     let mut page = BenchmarkPage::new(folder)?;
     let (heads, rows) = rows(&results.outcomes);
     let words = "<p>Medians over seeds, with their range. Lengths are in edges of the object cube (papers print \
-                 Chamfer-L1 times ten). PSNR and \
-                 silhouettes are those of the coloured mesh on views that were not trained on.</p>";
+                 Chamfer-L1 times ten). PSNR and silhouettes are of the coloured mesh on held-out views.</p>";
     page.push("Figures", format!("{words}<div class=\"wide\">{}</div>", table(&heads, &rows)));
     let mut scenes: Vec<&str> = results.outcomes.iter().map(|outcome| outcome.scene.as_str()).collect();
     scenes.sort_unstable();
@@ -62,7 +61,7 @@ fn of_scene(outcomes: &[Outcome], runs: &Path) -> Vec<Chart> {
             series: groups
                 .iter()
                 .enumerate()
-                .map(|(i, group)| course(group, runs, [clock, column], [spent, reached]).colored(i))
+                .map(|(i, group)| curve(group, runs, [clock, column], [spent, reached]).colored(i))
                 .collect(),
             pareto: None,
         };
@@ -74,7 +73,7 @@ fn of_scene(outcomes: &[Outcome], runs: &Path) -> Vec<Chart> {
         pareto: Some([Better::Less, better]),
     };
     let wall: (&str, &str, Figure) = ("training, wall seconds", "seconds", |o| o.training_seconds.or(Some(o.seconds)));
-    let cpu: (&str, &str, Figure) = ("processor seconds", "cpu_seconds", |o| o.cpu_seconds);
+    let cpu: (&str, &str, Figure) = ("CPU seconds", "cpu_seconds", |o| o.cpu_seconds);
     let psnr: (&str, &str, Figure) = ("held-out PSNR, dB", "held_out_psnr", |o| o.psnr);
     let chamfer: (&str, &str, Figure) = (CHAMFER_TITLE, CHAMFER, chamfer_above_floor);
     let iou: (&str, &str, Figure) = ("silhouette IoU", "held_out_mask_iou", |o| o.mask_iou);
@@ -83,12 +82,12 @@ fn of_scene(outcomes: &[Outcome], runs: &Path) -> Vec<Chart> {
     let above = || Axis::log(CHAMFER_TITLE);
     let mut charts = vec![
         over_time("PSNR against wall time", wall, psnr),
-        over_time("PSNR against processor time", cpu, psnr),
+        over_time("PSNR against CPU time", cpu, psnr),
         over_time("Silhouettes against wall time", wall, iou),
-        Chart { y: above(), ..over_time("Chamfer-L1 in the course of training", wall, chamfer) },
-        Chart { y: above(), ..over_time("Chamfer-L1 in the course of training, processor", cpu, chamfer) },
+        Chart { y: above(), ..over_time("Chamfer-L1 during training", wall, chamfer) },
+        Chart { y: above(), ..over_time("Chamfer-L1 during training, CPU time", cpu, chamfer) },
         ends("Chamfer-L1 against wall time", job, above(), chamfer_above_floor, Better::Less),
-        ends("Chamfer-L1 against processor time", (cpu.0, cpu.2), above(), chamfer_above_floor, Better::Less),
+        ends("Chamfer-L1 against CPU time", (cpu.0, cpu.2), above(), chamfer_above_floor, Better::Less),
         ends("PSNR of the whole job", job, Axis::linear(psnr.0), psnr.2, Better::More),
         ends("Chamfer-L1 against size", stored, above(), chamfer_above_floor, Better::Less),
         ends("PSNR against size", stored, Axis::linear(psnr.0), psnr.2, Better::More),
@@ -97,7 +96,7 @@ fn of_scene(outcomes: &[Outcome], runs: &Path) -> Vec<Chart> {
     charts
 }
 
-/// What a method is called on charts: with what taught it, where that is said.
+/// A method's name on charts, with its supervision where it is known.
 fn name(outcome: &Outcome) -> String {
     match outcome.supervision.as_str() {
         "" => outcome.method.clone(),
@@ -105,12 +104,12 @@ fn name(outcome: &Outcome) -> String {
     }
 }
 
-/// How the seeds of a method went on; where nothing was written down on the way, where they ended.
-fn course(group: &[&Outcome], runs: &Path, [clock, column]: [&str; 2], [spent, reached]: [Figure; 2]) -> Series {
+/// The curve of a method over its seeds; without recorded curves, the final points.
+fn curve(group: &[&Outcome], runs: &Path, [clock, column]: [&str; 2], [spent, reached]: [Figure; 2]) -> Series {
     let curve = |outcome: &&Outcome| {
         let folder = folder_name(&outcome.scene, &outcome.method, &outcome.supervision, outcome.seed);
         let curves = Curves::read(&runs.join(folder).join("metrics.csv")).ok()?;
-        // Charts show what is left above the floor of the measure.
+        // Charts show Chamfer-L1 above its floor.
         let floor = if column == CHAMFER { outcome.floor.unwrap_or(0.0) } else { 0.0 };
         let points = curves.pairs(clock, column).into_iter().map(|[x, y]| [x, y - floor]);
         Some(points.collect()).filter(|points: &Vec<[f64; 2]>| !points.is_empty())
@@ -119,7 +118,7 @@ fn course(group: &[&Outcome], runs: &Path, [clock, column]: [&str; 2], [spent, r
     if curves.is_empty() { dots(group, spent, reached) } else { Series::of_seeds(name(group[0]), &curves) }
 }
 
-/// Where the seeds of a method ended.
+/// The final points of a method's seeds.
 fn dots(group: &[&Outcome], x: Figure, y: Figure) -> Series {
     Series::dots(name(group[0]), group.iter().filter_map(|outcome| Some([x(outcome)?, y(outcome)?])).collect())
 }
@@ -138,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_measured_becomes_charts_and_a_page() {
+    fn outcomes_become_charts_and_a_page() {
         let folder = tempfile::tempdir().unwrap();
         let outcomes =
             vec![outcome("grid", 0, 3.0, 0.003), outcome("grid", 1, 4.0, 0.0035), outcome("slow", 0, 9.0, 0.004)];
@@ -154,9 +153,6 @@ mod tests {
         assert!(curve.contains("\"grid, rgb\",0.5,20.5,20,21") && curve.contains("\"slow, rgb\",9,29,,"), "{curve}");
         assert!(read("charts/ball-chamfer-l1-against-wall-time.svg").contains("class=\"front\""));
         let page = read("report.html");
-        assert!(
-            page.contains("Chamfer-L1 against size") && !page.contains("Silhouettes against"),
-            "nobody measured those"
-        );
+        assert!(page.contains("Chamfer-L1 against size") && !page.contains("Silhouettes against"), "not measured");
     }
 }

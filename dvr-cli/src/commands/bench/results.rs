@@ -1,4 +1,4 @@
-//! Figures of runs, ours or anybody's, as they are stored.
+//! Outcomes of runs, ours or other software's, as they are stored.
 
 use std::path::Path;
 
@@ -12,14 +12,14 @@ use crate::commands::machine::Machine;
 /// `results.json`.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Results {
-    /// What made them.
+    /// The machine and the program.
     pub machine: Machine,
-    /// One a run.
+    /// One per run.
     pub outcomes: Vec<Outcome>,
 }
 
-/// The figures of one run. Lengths are in units of the object cube; what was not measured is left out, so that other
-/// software's results can be written by hand.
+/// The figures of one run. Lengths are in edges of the object cube. Figures that were not measured may be missing, so that
+/// other software's results can be written by hand.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Outcome {
@@ -27,7 +27,7 @@ pub struct Outcome {
     pub scene: String,
     /// The method, or the variant of it.
     pub method: String,
-    /// What taught it.
+    /// What supervised it.
     #[serde(default)]
     pub supervision: String,
     /// The seed.
@@ -38,10 +38,10 @@ pub struct Outcome {
     /// Wall seconds of training with its preparation.
     #[serde(default)]
     pub training_seconds: Option<f64>,
-    /// Processor seconds of the whole job.
+    /// CPU seconds of the whole job.
     #[serde(default)]
     pub cpu_seconds: Option<f64>,
-    /// The most memory at a time, bytes.
+    /// Peak memory, bytes.
     #[serde(default)]
     pub peak_memory: Option<u64>,
     /// Bytes of the stored model.
@@ -53,7 +53,7 @@ pub struct Outcome {
     /// Chamfer-L1 against the true surface.
     #[serde(default)]
     pub chamfer_l1: Option<f64>,
-    /// What the true surface, sampled twice, scores.
+    /// Chamfer-L1 of two samplings of the true surface.
     #[serde(default)]
     pub floor: Option<f64>,
     /// Normal consistency.
@@ -71,16 +71,16 @@ pub struct Outcome {
 }
 
 impl Outcome {
-    /// Of a run of ours.
+    /// The outcome of a run of this program.
     pub fn new(scene: &str, method: &str, supervision: &str, seconds: f64, metrics: &RunMetrics) -> Self {
-        // Where there is no mesh there is nothing to measure a distance from.
+        // Without a mesh there is no distance.
         let surface = metrics.shape.surface.as_ref().filter(|_| metrics.mesh.is_some());
         Self {
             scene: scene.to_owned(),
             method: method.to_owned(),
             supervision: supervision.to_owned(),
             seed: metrics.seed,
-            // What only the bench asks for is not the job.
+            // Measurements for the benchmark are not part of the job.
             seconds: seconds - metrics.measuring_seconds[0],
             training_seconds: Some(metrics.training_seconds),
             cpu_seconds: Some(metrics.resources.cpu_seconds - metrics.measuring_seconds[1]),
@@ -113,7 +113,7 @@ impl Results {
 pub fn read(path: &Path) -> Result<Vec<Outcome>> {
     let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
     let value: serde_json::Value =
-        serde_json::from_str(&text).with_context(|| format!("{} is no JSON", path.display()))?;
+        serde_json::from_str(&text).with_context(|| format!("{} is not JSON", path.display()))?;
     let outcomes = value.get("outcomes").cloned().unwrap_or(value);
     serde_json::from_value(outcomes).with_context(|| {
         format!("{}: write a list of {{\"scene\", \"method\", \"seconds\", \"chamfer_l1\", ...}}", path.display())

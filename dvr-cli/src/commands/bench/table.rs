@@ -3,6 +3,7 @@
 use std::fmt::Write;
 
 use anyhow::Result;
+use dvr_report::chart::median;
 
 use super::results::{Outcome, Results};
 
@@ -28,7 +29,7 @@ pub fn markdown(results: &Results) -> String {
     let machine = &results.machine;
     let mut text = format!(
         "{machine}. Median over seeds (range). Lengths in edges of the object cube; papers print Chamfer-L1 times 10. \
-         PSNR and silhouettes are those of the coloured mesh on views that were not trained on.\n\n"
+         PSNR and silhouettes are of the coloured mesh on held-out views.\n\n"
     );
     let (heads, rows) = rows(&results.outcomes);
     let _ = writeln!(text, "| {} |", heads.join(" | "));
@@ -39,7 +40,7 @@ pub fn markdown(results: &Results) -> String {
     text
 }
 
-/// Heads and rows, a row for each scene, supervision and method; figures that nobody measured have no column.
+/// Heads and rows, one row per scene, supervision and method; figures that were not measured have no column.
 pub fn rows(outcomes: &[Outcome]) -> (Vec<&'static str>, Vec<Vec<String>>) {
     let is_measured = |column: &&Column| outcomes.iter().any(|outcome| column.1(outcome).is_some());
     let columns: Vec<&Column> = COLUMNS.iter().filter(is_measured).collect();
@@ -82,12 +83,6 @@ fn cell(group: &[&Outcome], value: &fn(&Outcome) -> Option<f64>, decimals: usize
     }
 }
 
-/// Of sorted values.
-fn median(values: &[f64]) -> f64 {
-    let middle = values.len() / 2;
-    if values.len() % 2 == 1 { values[middle] } else { 0.5 * (values[middle - 1] + values[middle]) }
-}
-
 /// All figures of all runs.
 pub fn csv(outcomes: &[Outcome]) -> Result<String> {
     let mut writer = csv::Writer::from_writer(Vec::new());
@@ -111,7 +106,7 @@ mod tests {
     }
 
     #[test]
-    fn seeds_become_a_median_and_a_range_and_what_is_empty_says_so() {
+    fn seeds_become_a_median_and_a_range_and_missing_meshes_are_named() {
         let outcomes = vec![
             outcome("a", "grid", 0, 3.0, Some(0.003)),
             outcome("a", "slow", 0, 9.0, None),
@@ -122,7 +117,7 @@ mod tests {
         let table = markdown(&results);
         assert!(table.contains("| a |  | grid | 3 | 2.0 (1.0-3.0) | 0.0035 (0.0030-0.0040) |"), "{table}");
         assert!(table.contains("| a |  | slow | 1 | 9.0 | no mesh |"), "{table}");
-        assert!(!table.contains("volume IoU"), "nobody measured it");
+        assert!(!table.contains("volume IoU"), "not measured");
         assert_eq!(csv(&results.outcomes).unwrap().lines().count(), 5);
     }
 }

@@ -1,4 +1,4 @@
-//! Where methods fail, as pictures: an axis a grid, a method a row, a difficulty a column.
+//! Results as charts: one grid per axis, one row per method, one column per difficulty.
 
 use std::path::Path;
 
@@ -7,15 +7,15 @@ use dvr_report::chart::{self, HeatGrid};
 use dvr_stress::{Axis, Cell, Kind};
 
 use super::results::{Results, group_name};
-use super::table::{cells, methods, summary, tried};
+use super::table::{cells, methods, summary, tested};
 use crate::commands::benchmark_page::BenchmarkPage;
 
 /// Writes `charts/*.svg`, `charts/*.csv` and `report.html` into the folder of a stress test.
 pub fn write(results: &Results, axes: &[Axis], folder: &Path) -> Result<()> {
     let mut page = BenchmarkPage::new(folder)?;
-    let words = "<p>What each method makes of scenes that are hard in one way at a time. A number is the distance from the truth \
-                 (Chamfer-L1 of what at least two views see, above what the truth itself scores), in pixels' footprints; of \
-                 gradients a relative error. A word says why a cell is not solved.</p>";
+    let words = "<p>Each scene is hard in one way. A number is Chamfer-L1 of the surface that at least two views see, above its \
+                 floor, in pixels' footprints; for gradients it is a relative error. A word says why a cell is not \
+                 solved.</p>";
     page.push("", words.to_owned());
     for axis in axes {
         let grid = grid(results, axis);
@@ -32,17 +32,17 @@ pub fn write(results: &Results, axes: &[Axis], folder: &Path) -> Result<()> {
 /// One axis.
 fn grid(results: &Results, axis: &Axis) -> HeatGrid {
     let methods = methods(&results.cells, &[axis]);
-    let difficulties = tried(results, axis);
+    let difficulties = tested(results, axis);
     let value = match axis.kind {
-        Kind::Scene(_) => "off the truth, pixels' footprints",
+        Kind::Scene(_) => "Chamfer-L1 above its floor, pixels' footprints",
         Kind::Gradient(_) => "relative error",
     };
     let cell = |method: &str, difficulty: f64| {
         let own: Vec<&Cell> = cells(results, axis, method).filter(|cell| cell.difficulty == difficulty).collect();
         let summary = summary(&own, axis.case(difficulty).as_ref());
-        // More than half must be solved, as for the point where a method breaks.
+        // More than half must be solved, as for the break point.
         let has_failed = 2 * summary.failed >= own.len() && summary.failed > 0;
-        // A logarithm has no place for what is better than the floor.
+        // A logarithmic axis has no values below the floor.
         let value = summary.value.map(|value| value.max(1e-3));
         chart::Cell { value, failed: has_failed.then(|| summary.reasons.join(", ")) }
     };

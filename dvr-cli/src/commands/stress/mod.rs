@@ -1,4 +1,4 @@
-//! `dvr stress`: where methods fail.
+//! `dvr stress`: tests where methods fail.
 
 mod charts;
 mod plan;
@@ -24,7 +24,7 @@ use plan::{Estimate, plan};
 use results::Results;
 use task::Task;
 
-/// Tries what is missing, then writes `results.json`, `results.csv`, `table.md`, `charts/` and `report.html`.
+/// Computes missing cells, then writes `results.json`, `results.csv`, `table.md`, `charts/` and `report.html`.
 pub fn run(args: &StressArgs) -> Result<ExitCode> {
     let axes = chosen(args)?;
     if args.list {
@@ -35,7 +35,7 @@ pub fn run(args: &StressArgs) -> Result<ExitCode> {
     if let Some(name) = &args.against
         && !args.variants().iter().any(|variant| variant.name == *name)
     {
-        bail!("--against {name}: nothing of this name is tried; give it with --methods or --variant");
+        bail!("--against {name}: there is no method or variant of this name; add it with --methods or --variant");
     }
     std::fs::create_dir_all(out.join("cells")).with_context(|| out.display().to_string())?;
     interrupt::catch()?;
@@ -43,25 +43,25 @@ pub fn run(args: &StressArgs) -> Result<ExitCode> {
     let (first, rivals): (Vec<Task>, Vec<Task>) = plan(args, &axes, out)
         .into_iter()
         .partition(|task| !args.against.as_ref().is_some_and(|name| task.is_rival_of(name)));
-    let mut done = carry_out(&first, &mut results)?;
+    let mut done = compute(&first, &mut results)?;
     if let (true, Some(name)) = (done, &args.against) {
         let is_where_it_fails = |task: &Task| {
             let cells: Vec<&Cell> = table::cells(&results, task.axis, name).collect();
             break_point(task.axis.difficulties, cells).breaks == Some(task.difficulty)
         };
         let rivals: Vec<Task> = rivals.into_iter().filter(is_where_it_fails).collect();
-        done = carry_out(&rivals, &mut results)?;
+        done = compute(&rivals, &mut results)?;
     }
     if !done {
-        eprintln!("stopped; what is done is kept in {}. The same command goes on", out.display());
+        eprintln!("stopped; finished cells are kept in {}. The same command continues", out.display());
         return Ok(ExitCode::from(EXIT_INTERRUPTED));
     }
     write(&results, &axes, out)?;
     Ok(ExitCode::SUCCESS)
 }
 
-/// Carries out what is not there yet; whether it came to its end.
-fn carry_out(tasks: &[Task], results: &mut Results) -> Result<bool> {
+/// Computes cells that are not stored; returns whether all are done.
+fn compute(tasks: &[Task], results: &mut Results) -> Result<bool> {
     eprintln!("{}", Estimate::of(tasks)?);
     let mut progress = Progress::new();
     progress.phase("cells", tasks.len());

@@ -1,4 +1,4 @@
-//! Which cells there are, and how long those take that are missing.
+//! The cells of a stress test, and how long missing ones take.
 
 use std::fmt;
 use std::path::Path;
@@ -9,7 +9,7 @@ use dvr_stress::Axis;
 use super::task::Task;
 use crate::args::{StressArgs, Variant};
 
-/// All cells: of each scene the hull first, so that the others can be compared with it.
+/// All cells: for each scene the hull first, so that the other methods can be compared with it.
 pub fn plan<'a>(args: &StressArgs, axes: &'a [Axis], out: &'a Path) -> Vec<Task<'a>> {
     let mut variants = args.variants();
     variants.sort_by_key(|variant| variant.name != "hull");
@@ -34,7 +34,7 @@ pub fn plan<'a>(args: &StressArgs, axes: &'a [Axis], out: &'a Path) -> Vec<Task<
     tasks
 }
 
-/// Seconds that a cell of a method takes on two cores, where none has been measured.
+/// Seconds that a cell of a method usually takes on two cores.
 fn usual_seconds(method: &str) -> f64 {
     match method {
         "hull" => 3.0,
@@ -53,7 +53,7 @@ pub struct Estimate {
 }
 
 impl Estimate {
-    /// By what cells of the same method took that are there already, or what they usually take.
+    /// By the times of stored cells of the same method, or else by usual times.
     pub fn of(tasks: &[Task]) -> Result<Self> {
         let mut measured: Vec<(&str, f64)> = Vec::new();
         let mut missing = Vec::new();
@@ -77,14 +77,14 @@ impl fmt::Display for Estimate {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { cells, missing, seconds } = self;
         if *missing == 0 {
-            return write!(f, "{cells} cells, all of them there already");
+            return write!(f, "{cells} cells, all of them stored");
         }
         let time = match seconds {
             s if *s < 90.0 => format!("{s:.0} seconds"),
             s if *s < 5400.0 => format!("{:.0} minutes", s / 60.0),
             s => format!("{:.1} hours", s / 3600.0),
         };
-        write!(f, "{cells} cells, {} of them there already; the rest takes about {time}", cells - missing)
+        write!(f, "{cells} cells, {} of them stored; the others take about {time}", cells - missing)
     }
 }
 
@@ -108,7 +108,7 @@ mod tests {
     }
 
     #[test]
-    fn the_quick_set_is_minutes_and_the_full_one_says_that_it_is_hours() {
+    fn the_quick_set_takes_minutes_and_the_full_set_hours() {
         let folder = tempfile::tempdir().unwrap();
         let axes = axes();
         let estimate = |full: bool| Estimate::of(&plan(&args(full), &axes, folder.path())).unwrap();
@@ -118,7 +118,7 @@ mod tests {
     }
 
     #[test]
-    fn the_hull_comes_before_what_is_compared_with_it() {
+    fn the_hull_comes_before_the_methods_that_are_compared_with_it() {
         let axes = axes();
         let args = StressArgs {
             methods: vec![crate::args::MethodName("grid"), crate::args::MethodName("hull")],

@@ -9,13 +9,13 @@ use crate::commands::machine::Machine;
 /// `results.json`.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Results {
-    /// What made them.
+    /// The machine and the program.
     pub machine: Machine,
     /// One for each axis, difficulty, method and seed.
     pub cells: Vec<Cell>,
 }
 
-/// A group as people write it.
+/// Name of a group.
 pub fn group_name(group: Group) -> &'static str {
     match group {
         Group::Shape => "shape",
@@ -47,7 +47,7 @@ struct Row<'a> {
     note: Option<&'a str>,
 }
 
-/// All cells, one a line.
+/// All cells, one per line.
 pub fn csv(cells: &[Cell]) -> Result<String> {
     let mut writer = csv::Writer::from_writer(Vec::new());
     for cell in cells {

@@ -1,4 +1,4 @@
-//! The table: first where each method breaks, then axis by axis.
+//! Results as a table: break points first, then axis by axis.
 
 use std::fmt::Write;
 
@@ -10,8 +10,8 @@ use super::results::{Results, group_name};
 pub fn markdown(results: &Results, axes: &[Axis]) -> String {
     let machine = &results.machine;
     let mut text = format!(
-        "{machine}. Each cell: Chamfer-L1 of what at least two views see, in pixels' footprints above what the true \
-         surface scores when it is sampled twice (median over seeds); **bold** and with its reason where it is not solved.\n"
+        "{machine}. Each cell: Chamfer-L1 of the surface that at least two views see, above its floor, in pixels' footprints \
+         (median over seeds); **bold** and with the reason where it is not solved.\n"
     );
     let (scenes, gradients): (Vec<&Axis>, Vec<&Axis>) =
         axes.iter().partition(|axis| matches!(axis.kind, Kind::Scene(_)));
@@ -37,36 +37,36 @@ pub fn methods<'a>(cells: &'a [Cell], axes: &[&Axis]) -> Vec<&'a str> {
 }
 
 fn break_points(text: &mut String, results: &Results, axes: &[&Axis], methods: &[&str]) {
-    let _ = writeln!(text, "\n| breaks at | unit | tried | {} |", methods.join(" | "));
+    let _ = writeln!(text, "\n| breaks at | unit | tested | {} |", methods.join(" | "));
     let _ = writeln!(text, "|{}", "---|".repeat(3 + methods.len()));
     for axis in axes {
-        let tried = tried(results, axis);
+        let tested = tested(results, axis);
         let point = |method: &&str| {
             let own: Vec<&Cell> = cells(results, axis, method).collect();
-            if own.is_empty() { String::new() } else { point(&own, axis, &tried) }
+            if own.is_empty() { String::new() } else { point(&own, axis, &tested) }
         };
         let points: Vec<String> = methods.iter().map(point).collect();
-        let tried: Vec<String> = tried.into_iter().map(Axis::label).collect();
-        let _ = writeln!(text, "| {} | {} | {} | {} |", axis.name, axis.unit, tried.join(", "), points.join(" | "));
+        let tested: Vec<String> = tested.into_iter().map(Axis::label).collect();
+        let _ = writeln!(text, "| {} | {} | {} | {} |", axis.name, axis.unit, tested.join(", "), points.join(" | "));
     }
 }
 
-/// Where a method breaks, in words; `tried` is what any method was tried on.
-fn point(own: &[&Cell], axis: &Axis, tried: &[f64]) -> String {
+/// A method's break point in words; `tested` are the difficulties that any method was tested on.
+fn point(own: &[&Cell], axis: &Axis, tested: &[f64]) -> String {
     let is_own = |difficulty: &f64| own.iter().any(|cell| cell.difficulty == *difficulty);
     let BreakPoint { holds, breaks } = break_point(axis.difficulties, own.iter().copied());
     let label = |difficulty: Option<f64>| difficulty.map(Axis::label).unwrap_or_default();
     match (holds, breaks) {
-        (_, None) if !tried.iter().all(is_own) => format!("holds {}", label(holds)),
+        (_, None) if !tested.iter().all(is_own) => format!("holds {}", label(holds)),
         (_, None) => "holds".into(),
-        (None, Some(_)) if !tried.first().is_some_and(is_own) => format!("{} or before", label(breaks)),
+        (None, Some(_)) if !tested.first().is_some_and(is_own) => format!("{} or before", label(breaks)),
         (None, Some(_)) => "at once".into(),
         (Some(_), Some(_)) => format!("{} (holds {})", label(breaks), label(holds)),
     }
 }
 
 /// Difficulties of which there are cells.
-pub fn tried(results: &Results, axis: &Axis) -> Vec<f64> {
+pub fn tested(results: &Results, axis: &Axis) -> Vec<f64> {
     let has = |d: &f64| results.cells.iter().any(|cell| cell.axis == axis.name && cell.difficulty == *d);
     axis.difficulties.iter().copied().filter(has).collect()
 }
@@ -80,7 +80,7 @@ fn one_axis(text: &mut String, results: &Results, axis: &Axis, methods: &[&str])
     let _ = writeln!(text, "\n### {} ({})\n\n{}.\n", axis.name, group_name(axis.group), axis.what);
     let _ = writeln!(text, "| {} | {} |", axis.unit, methods.join(" | "));
     let _ = writeln!(text, "|{}", "---|".repeat(1 + methods.len()));
-    for difficulty in tried(results, axis) {
+    for difficulty in tested(results, axis) {
         let case = axis.case(difficulty);
         let columns: Vec<String> = methods
             .iter()
@@ -93,9 +93,9 @@ fn one_axis(text: &mut String, results: &Results, axis: &Axis, methods: &[&str])
     }
 }
 
-/// What a method made of one difficulty, over all seeds.
+/// Results of a method at one difficulty, over all seeds.
 pub struct Summary<'a> {
-    /// The median figure: of scenes in pixels' footprints above the floor.
+    /// The median figure; for scenes in pixels' footprints above the floor.
     pub value: Option<f64>,
     /// Why seeds failed, each reason once.
     pub reasons: Vec<&'a str>,
@@ -103,7 +103,7 @@ pub struct Summary<'a> {
     pub failed: usize,
 }
 
-/// Sums up the cells of one method and one difficulty.
+/// Summarises the cells of one method and one difficulty.
 pub fn summary<'a>(cells: &[&'a Cell], case: Option<&Case>) -> Summary<'a> {
     let figure = |cell: &&Cell| match (&cell.figures, case) {
         (Some(figures), Some(case)) => Some((cell.value? - figures.floor) / case.footprint()),
@@ -158,7 +158,7 @@ mod tests {
         assert!(text.contains("| 24 | 0.000 | **empty** |"), "{text}");
         assert!(text.contains("inaccurate |  |"), "{text}");
 
-        // A rival that was tried where the other fails, and nowhere else.
+        // A rival that was tested only where the other fails.
         let rival = |verdict| {
             let cells = [cell("grid", 24.0, Verdict::Solved, None), cell("grid", 6.0, Verdict::Empty, None)];
             let cells = cells.into_iter().chain([cell("rival", 6.0, verdict, None)]).collect();

@@ -1,4 +1,4 @@
-//! One cell: a scene is made, reconstructed, measured and judged.
+//! One cell: a scene is rendered, reconstructed, measured and judged.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
@@ -20,35 +20,35 @@ use crate::interrupt::INTERRUPTED;
 const RULES: [(&str, SlopeRule); 2] =
     [("scale-free", SlopeRule::ScaleFree { epsilon: 0.05 }), ("classic-clamp", SlopeRule::CLASSIC)];
 
-/// What is to be tried.
+/// A cell to compute.
 pub struct Task<'a> {
     pub axis: &'a Axis,
     pub difficulty: f64,
     pub seed: u64,
-    /// The method; of axes of gradients, the slope rule by its name.
+    /// The method; for axes of gradients, the slope rule by its name.
     pub variant: Variant,
     pub out: &'a Path,
 }
 
-/// A cell as it is kept, with what results leave out because it differs from time to time.
+/// A cell as it is stored, with its time, which results leave out because it varies.
 #[derive(Serialize, Deserialize)]
-struct Kept {
+struct Stored {
     cell: Cell,
     seconds: f64,
 }
 
 impl Task<'_> {
-    /// What axes of gradients compare.
+    /// The slope rules that axes of gradients compare.
     pub fn rules() -> [&'static str; 2] {
         RULES.map(|(name, _)| name)
     }
 
-    /// For people, and for files.
+    /// Name, for progress and files.
     pub fn name(&self) -> String {
         format!("{}.{}", self.scene_name(), self.variant.name)
     }
 
-    /// Whether it is neither the method of this name nor what that is measured by.
+    /// Whether it is neither the method of this name nor the hull that it is compared with.
     pub fn is_rival_of(&self, name: &str) -> bool {
         matches!(self.axis.kind, Kind::Scene(_)) && ![name, "hull"].contains(&&*self.variant.name)
     }
@@ -61,12 +61,12 @@ impl Task<'_> {
         self.out.join("cells").join(format!("{}.{variant}.json", self.scene_name()))
     }
 
-    /// How long it took, where it is done.
+    /// How long it took, where it is stored.
     pub fn seconds(&self) -> Result<Option<f64>> {
-        Ok(stored::<Kept>(&self.file(&self.variant.name))?.map(|kept| kept.seconds))
+        Ok(stored::<Stored>(&self.file(&self.variant.name))?.map(|kept| kept.seconds))
     }
 
-    /// The cell: carried out now, unless it is there; `None` where Ctrl-C came in between.
+    /// The cell, which is computed unless it is stored; `None` after Ctrl-C.
     pub fn cell(&self) -> Result<Option<Cell>> {
         let mut stopped = false;
         let kept = once(&self.file(&self.variant.name), || {
@@ -76,7 +76,7 @@ impl Task<'_> {
                 Kind::Scene(case) => self.reconstruct(&case(self.difficulty))?,
             };
             stopped = cell.is_none();
-            Ok(Kept { cell: cell.context("stopped")?, seconds: start.elapsed().as_secs_f64() })
+            Ok(Stored { cell: cell.context("stopped")?, seconds: start.elapsed().as_secs_f64() })
         });
         match kept {
             Err(_) if stopped => Ok(None),
@@ -84,10 +84,10 @@ impl Task<'_> {
         }
     }
 
-    /// A cell judged again, since the hull that it is compared with may have come later.
+    /// The cell with its verdict, which depends on the hull, whose cell may be newer.
     fn judged(&self, mut cell: Cell) -> Result<Cell> {
         if let (Some(figures), Some(case)) = (&cell.figures, self.axis.case(self.difficulty)) {
-            let hull = stored::<Kept>(&self.file("hull"))?.and_then(|kept| kept.cell.figures);
+            let hull = stored::<Stored>(&self.file("hull"))?.and_then(|kept| kept.cell.figures);
             cell.verdict = judge(&case, figures, hull.as_ref().filter(|hull| hull.faces > 0));
         }
         Ok(cell)
@@ -137,13 +137,13 @@ impl Task<'_> {
             Ended::Failed { code, .. } if code == Some(i32::from(EXIT_INTERRUPTED)) => None,
             Ended::Failed { .. } if INTERRUPTED.load(Ordering::Relaxed) => None,
             Ended::Failed { said, code } => {
-                // A loss that is no number is the method's failure, and so is a program that died.
+                // A loss that is not finite is the method's failure, and so is a crash.
                 let is_explosion = code != Some(2) || said.contains("the loss became");
                 let verdict = if is_explosion { Verdict::Exploded } else { Verdict::Refused };
                 Some(Cell { note: Some(said), ..self.blank(verdict) })
             }
         };
-        // The mesh is megabytes, and made again by one command; figures and scene stay.
+        // Meshes take megabytes and can be made again by one command; figures and scene stay.
         if folder.root().exists() {
             std::fs::remove_dir_all(folder.root()).with_context(|| folder.root().display().to_string())?;
         }
@@ -158,7 +158,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_scale_free_rule_does_not_know_the_scale_of_the_field_and_the_classic_one_does() {
+    fn the_scale_free_rule_is_independent_of_the_scale_of_the_field_and_the_classic_one_is_not() {
         let folder = tempfile::tempdir().unwrap();
         std::fs::create_dir_all(folder.path().join("cells")).unwrap();
         let axes = axes();
