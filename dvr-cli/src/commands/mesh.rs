@@ -20,8 +20,8 @@ pub fn run(args: &MeshArgs) -> Result<ExitCode> {
     let device = args.backend.backend.device_for(method.as_ref())?;
     memory::limit(&device, args.memory.memory);
     let model = load_model(&checkpoint, args.object, &device)?;
-    // The scene helps to find thin parts and gives sharp colours; a run can be meshed without it.
-    // What knows many objects was trained on many folders, and what was imported may know of none.
+    // The scene helps to find thin parts and gives sharp colours, but a mesh can do without. Models of many objects have
+    // no single scene, and imported runs may have none.
     let has_scene =
         method.objects().is_none() && (args.data.is_some() || !checkpoint.header.scene.as_os_str().is_empty());
     let scene = has_scene.then(|| scene_of_run(&checkpoint, args.data.as_ref(), args.memory.memory));
