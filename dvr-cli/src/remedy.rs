@@ -5,7 +5,7 @@
 //! it on. A new remedy is one arm and, in `tests/bad_input.rs`, one assertion.
 
 use dvr_report::Diagnostic;
-use dvr_train::Error as TrainError;
+use dvr_train::{CodesError, Error as TrainError};
 
 /// The remedy for the first cause in the chain that has one: one or two sentences with their full stops.
 pub fn remedy(error: &anyhow::Error) -> Option<String> {
@@ -61,10 +61,59 @@ const DIVERGED: &str = "The last checkpoint is kept. Train again with a smaller 
 
 /// Training, run folders and evaluation.
 fn of_train(error: &TrainError) -> Option<String> {
+    use TrainError as Error;
+    let sentence = match error {
+        Error::Scene(error) => return of_core(error),
+        Error::Grid(error) => return of_grid(error),
+        #[cfg(feature = "gpu")]
+        Error::Device(error) => return of_device(error),
+        Error::OutOfRange { key, .. } => return Some(format!("Give another value with --set {key}=VALUE.")),
+        Error::StepMemory { rays: Some(rays), .. } => return Some(fitting_rays(*rays)),
+        Error::Codes(error) => return Some(of_codes(error).into()),
+        Error::UnknownKey { .. } => "--print-config prints all keys with their values.",
+        Error::NeedsDepth { .. } => "Use --supervision rgb.",
+        Error::NeedsSparsePoints { .. } => "Leave it out with --set losses.sparse_depth=0.",
+        Error::NeedsObjects { .. } => "Give a dataset of many objects, or use --method grid or network.",
+        Error::OneDevice { .. } => "Give a single device, or use --method network or classic.",
+        Error::OneScene => "Train on a dataset of many objects first.",
+        Error::ChooseObject { .. } | Error::NoSuchObject { .. } => "Choose one with --object N, counted from 0.",
+        Error::NoCodes => "Leave --object away.",
+        Error::NeedsPicture => "Use `dvr predict RUN IMAGE`, or `dvr eval RUN --data DATASET`.",
+        Error::TakesNoPictures => "`dvr mesh RUN --object N` shows its objects.",
+        Error::NotATrainingObject => "Evaluate it with --split train.",
+        Error::BrokenObjects { .. } => "Look at one of the objects with `dvr info`.",
+        Error::NothingToCompare { .. } => "Name training objects in train.lst. `dvr synth` writes points.npz.",
+        Error::FolderInUse { .. } => "Continue it with --resume, replace it with --overwrite, or give another folder.",
+        Error::NotACheckpoint { .. } => "Give the folder of a run that `dvr train` wrote, or one of its checkpoints.",
+        Error::CheckpointVersion { .. } => "Train again with this version, or use the version that wrote it.",
+        Error::Diverged { .. } => DIVERGED,
+        Error::NoNetwork => "`dvr train --method network` makes one.",
+        Error::StepMemory { rays: None, .. } => {
+            "Allow more with --memory, use a smaller network with --set model.hidden=N, or use --backend cpu."
+        }
+        Error::HeldMemory { .. } => {
+            "Everything is saved: `dvr train --resume` continues with a larger --memory, or with --backend cpu."
+        }
+        _ => return None,
+    };
+    Some(sentence.into())
+}
+
+/// For a step that is too large for a GPU's memory.
+fn fitting_rays(rays: usize) -> String {
+    format!(
+        "--set rays={rays} fits, with --set hull.warm_start_points={rays} where a network starts from the hull. Or allow \
+         more with --memory."
+    )
+}
+
+/// Codes beside an imported network.
+fn of_codes(error: &CodesError) -> &'static str {
     match error {
-        TrainError::Scene(error) => of_core(error),
-        TrainError::Grid(error) => of_grid(error),
-        _ => None,
+        CodesError::HasEncoder | CodesError::NotTaken => "Leave --codes away.",
+        CodesError::Missing { .. } | CodesError::Empty | CodesError::Length { .. } => {
+            "Give the objects' codes with --codes FILE.npz."
+        }
     }
 }
 

@@ -1,22 +1,20 @@
 //! A decoder of one's own, trained through the public API: `cargo run --release -p dvr-train --example own_decoder`.
 //!
 //! All that a field must do is evaluate; slopes, normals and marching come with the traits. This one is a plain MLP on
-//! random Fourier features, fitted to the project's demo scene for a minute and written as `own_decoder.ply`.
+//! random Fourier features, fitted to the project's demo scene for a minute: a whole run in the folder `own_decoder`, with
+//! checkpoints, validation, mesh and figures, stopped and resumed on the way.
 
 use burn::module::{Module, Param};
 use burn::nn::{Linear, LinearConfig};
 use burn::tensor::activation::{sigmoid, softplus};
 use burn::tensor::{Device, Distribution, Tensor};
-use dvr_core::dataset::{ReadOptions, read_scene};
-use dvr_core::mesh::write_mesh;
-use dvr_render::extract::FieldSurface;
+use dvr_core::Scene;
 use dvr_render::{Crossing, Differentiable, Field, FieldValues, Query};
 use dvr_train::{
-    HullUse, MeshOptions, Supervision, TrainConfig, Trainer, ViewSplit, carve_hull, hull_bound, object_mesh,
-    warm_start, world_mesh,
+    Checkpoint, FieldMethod, HullUse, MeshOptions, RunFolder, RunOptions, Supervision, TrainConfig, finish, train,
 };
 use std::path::Path;
-use std::sync::atomic::AtomicBool;
+use std::time::Duration;
 
 /// Random Fourier features (Tancik et al. 2020), then two hidden layers.
 #[derive(Module, Debug)]
@@ -57,30 +55,28 @@ impl Differentiable for FourierMlp {}
 impl Crossing for FourierMlp {}
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/scenes/mug/mug");
-    let scene = read_scene(&folder, &ReadOptions::default())?;
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let mut scene = Scene::read(root.join("../assets/scenes/mug/mug"))?;
     let steps: usize = std::env::args().nth(1).map_or(Ok(400), |n| n.parse())?;
     let base = TrainConfig::new(Supervision::Rgb);
-    let hull_use = HullUse { warm_start_steps: steps.div_ceil(2), ..base.hull.clone() };
-    let config = TrainConfig { steps, hull: hull_use, ..base };
+    let hull = HullUse { warm_start_steps: steps.div_ceil(2), ..base.hull.clone() };
+    let method =
+        FieldMethod::new("fourier", TrainConfig { steps, hull, ..base }, |_, device| FourierMlp::new(128, device));
 
-    let device = Device::flex();
-    device.seed(config.seed);
-    let views = ViewSplit::new(&scene, config.hold_out_every)?;
-    let hull = carve_hull(&views.train, config.hull.resolution)?;
-    let field = FourierMlp::new(128, &device.clone().autodiff());
-    let field = warm_start(field, &hull, &config, &device, &AtomicBool::new(false), |_| ());
-    let mut trainer = Trainer::new(field, views, config, device).with_bound(hull_bound(&hull));
-    while trainer.steps_done() < steps {
-        let report = trainer.step()?;
-        if report.step % 50 == 0 {
-            println!("step {}: loss {:.4}, silhouette IoU {:.3}", report.step, report.loss, report.mask_iou);
-        }
-    }
-    let field = trainer.frozen();
-    let surface = FieldSurface::new(&field);
-    let mesh = object_mesh(&surface, &MeshOptions::default(), &[], &trainer.views().train)?.mesh;
-    write_mesh("own_decoder.ply", &world_mesh(&mesh, &scene.object_to_world))?;
-    println!("wrote own_decoder.ply ({} faces)", mesh.faces.len());
+    // A run in a folder: first for a second, then to its end from the checkpoint.
+    let folder = RunFolder::new("own_decoder");
+    folder.clear()?;
+    folder.create()?;
+    let options = RunOptions::new(folder.clone(), Device::flex());
+    let brief =
+        RunOptions { time_limit: Some(Duration::from_secs(1)), ..RunOptions::new(folder.clone(), Device::flex()) };
+    let first = train(&mut scene, &method, None, &brief, &mut ())?;
+    println!("stopped after step {}", first.outcome.steps);
+    let last = Checkpoint::load(&folder.last())?;
+    let trained = train(&mut scene, &method, Some(&last), &options, &mut ())?;
+
+    let results = finish(&scene, &method, &trained, &folder, &MeshOptions::with_resolution(128), &mut ())?;
+    println!("{} steps, held-out views: {:?}", results.metrics.steps, results.metrics.held_out_mesh);
+    println!("wrote {}", folder.mesh_ply().display());
     Ok(())
 }

@@ -22,18 +22,14 @@ pub fn mesh_options(args: &MeshingArgs, resolution: u32) -> MeshOptions {
 
 /// The same for meshes without photographs.
 pub fn surface_options(args: &SurfaceArgs, resolution: u32) -> MeshOptions {
-    let resolution = args.resolution.unwrap_or(resolution);
-    // The coarse grid has about 64 cells per edge: fine enough for most parts, a 64th of the cost of 256.
-    let upsampling_steps = (resolution / 64).max(1).ilog2() as usize;
+    let base = MeshOptions::with_resolution(args.resolution.unwrap_or(resolution) as usize);
     let extraction = ExtractSettings {
-        resolution: resolution as usize,
-        upsampling_steps,
         contour: match args.contour {
             ContourName::MarchingCubes => Contour::MarchingCubes,
             ContourName::Dual => Contour::Dual,
         },
         min_component_share: args.min_component,
-        ..ExtractSettings::default()
+        ..base.extraction
     };
     MeshOptions { extraction, colors: ColorSource::Field, max_simplification: args.simplify }
 }

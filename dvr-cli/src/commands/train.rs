@@ -81,7 +81,7 @@ fn train_scene(
         return Ok(interrupted(&trained.outcome, folder));
     }
     let meshing = mesh_options(&args.meshing, SCENE_RESOLUTION);
-    let metrics = finish(&scene, method, &trained, folder, &meshing, &mut progress)?;
+    let metrics = finish(&scene, method, &trained, folder, &meshing, &mut progress)?.metrics;
     if !args.no_report {
         progress.phase("report", 1);
         let run = SourceRun { folder: folder.clone(), header: trained.outcome.header, scene: Some(&scene) };

@@ -30,6 +30,16 @@ pub struct MeshOptions {
     pub max_simplification: f32,
 }
 
+impl MeshOptions {
+    /// The defaults for a mesh of so many cells along an edge of the object cube. A coarse grid of about 64 finds the
+    /// cells that the surface crosses: fine enough for most parts, a 64th of the cost of 256.
+    pub fn with_resolution(resolution: usize) -> Self {
+        let upsampling_steps = (resolution / 64).max(1).ilog2() as usize;
+        let extraction = ExtractSettings { resolution, upsampling_steps, ..ExtractSettings::default() };
+        Self { extraction, ..Self::default() }
+    }
+}
+
 /// Extracts the mesh of a field, in object space, with vertex colours and, where there are `views`, how well these see
 /// its vertices; `seeds` are points near the surface, and `views` the photographs that may colour it. Pieces below the
 /// settings' smallest share stay where photographs show them.

@@ -2,6 +2,8 @@
 
 pub(crate) mod bake;
 pub(crate) mod components;
-pub(crate) mod export_run;
 pub(crate) mod mesh;
 pub mod preview;
+pub(crate) mod run_metrics;
+pub(crate) mod run_results;
+pub(crate) mod views;

@@ -56,9 +56,9 @@ const WITHOUT_MEANING: [(&str, &str); 16] = [
     ("training.always_freespace", "background rays always teach free space"),
     ("training.out_dir", "the folder is given on the command line"),
     ("test.model_file", "the checkpoint is given on the command line"),
-    ("test.", "`dvr eval` has arguments for it"),
-    ("generation.", "`dvr mesh` has arguments for it"),
-    ("rendering.", "`dvr render` has arguments for it"),
+    ("test.", "evaluation is configured where it is done"),
+    ("generation.", "extraction is configured where it is done"),
+    ("rendering.", "rendering is configured where it is done"),
 ];
 
 impl ReferenceConfig {

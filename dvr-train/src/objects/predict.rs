@@ -8,9 +8,9 @@ use image::RgbImage;
 use image::imageops::{FilterType, resize};
 
 use crate::error::Result;
-use crate::export::export_run::extraction_warnings;
 use crate::export::mesh::{MeshOptions, object_mesh};
 use crate::export::preview::{normal_picture, orbit_camera, sheet, to_rgb8};
+use crate::export::run_results::extraction_warnings;
 use crate::objects::ObjectModel;
 
 /// What a model makes of a picture.

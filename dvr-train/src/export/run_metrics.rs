@@ -1,0 +1,51 @@
+//! The figures of a finished run.
+
+use dvr_render::ViewMetrics;
+use serde::{Deserialize, Serialize};
+
+use crate::evaluate::ShapeEvaluation;
+use crate::resources::Resources;
+
+/// The figures of a finished run: `metrics.json`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RunMetrics {
+    /// Name of the scene.
+    pub scene: String,
+    /// What the shape was learned from.
+    pub supervision: String,
+    /// Seed.
+    pub seed: u64,
+    /// Optimiser steps of the run, all sessions.
+    pub steps: usize,
+    /// The step whose model the results were made from: the best where views were validated, else the last.
+    pub model_step: usize,
+    /// Numbers that the field consists of.
+    pub parameters: usize,
+    /// Bytes that they are stored in.
+    pub bytes: usize,
+    /// Wall seconds of training, warm start included, all sessions.
+    pub training_seconds: f64,
+    /// Of these, the seconds until `model_step`.
+    pub model_seconds: f64,
+    /// Vertices and faces of the mesh; `None` where there is no surface.
+    pub mesh: Option<[usize; 2]>,
+    /// The shape against the truth, where the scene has it.
+    pub shape: ShapeEvaluation,
+    /// Renders of the field against held-out views, on an even subset of their pixels.
+    pub held_out: Option<ViewMetrics>,
+    /// Renders of the coloured mesh, unlit, against the same pixels: what the user takes home.
+    pub held_out_mesh: Option<ViewMetrics>,
+    /// What the process has cost until here, reading and mesh included.
+    pub resources: Resources,
+    /// What the user should know.
+    pub warnings: Vec<String>,
+    /// What training decided on the way and why: how fine the field became, say.
+    #[serde(default)]
+    pub notes: Vec<String>,
+    /// Wall seconds of each part of the work after training.
+    #[serde(default)]
+    pub finishing_seconds: Vec<(String, f64)>,
+    /// Wall and CPU seconds that went into following the shape, beside the clock of training.
+    #[serde(default)]
+    pub measuring_seconds: [f64; 2],
+}

@@ -1,0 +1,192 @@
+//! What a run gives its user: mesh, preview sheet, figures.
+
+use std::time::Instant;
+
+use dvr_core::mesh::{Mesh, write_mesh};
+use dvr_core::{Scene, View, ViewSplit};
+use dvr_render::extract::Extraction;
+use dvr_render::{MeshShader, Shader, view_metrics};
+use image::RgbImage;
+
+use crate::error::{Error, Result};
+use crate::evaluate::evaluate_shape;
+use crate::export::mesh::{MeshOptions, object_mesh, world_mesh};
+use crate::export::preview::preview_sheet;
+use crate::export::run_metrics::RunMetrics;
+use crate::export::views::{surface_points, unseen_views};
+use crate::methods::method::Method;
+use crate::observer::Observer;
+use crate::resources::Resources;
+use crate::run::folder::RunFolder;
+use crate::run::options::Trained;
+
+/// Samples across the cube where a network is rendered.
+const SAMPLES: usize = 128;
+
+/// Pixels of held-out views that the final figures look at. (Evaluation looks at all.)
+const HELD_OUT_PIXELS: usize = 40_000;
+
+/// Rays that look for parts of the surface which the extraction's coarse grid may miss.
+const SEED_RAYS: usize = 2_000;
+
+/// Rows of the preview sheet, and the most pixels a picture is wide.
+const PREVIEW: (usize, u32) = (4, 256);
+
+/// What a run gives its user, in memory.
+#[derive(Clone, Debug)]
+pub struct RunResults {
+    /// The mesh in the coordinates and units of the scene's files; `None` where the field has no surface.
+    pub mesh: Option<Mesh>,
+    /// Input, render, depth and normals side by side.
+    pub preview: RgbImage,
+    /// The figures.
+    pub metrics: RunMetrics,
+}
+
+impl RunResults {
+    /// Extracts, renders and measures what was trained.
+    ///
+    /// A field without a surface is no error: the figures say so.
+    ///
+    /// # Errors
+    /// When a picture or the scene's ground truth is broken.
+    pub fn new(scene: &Scene, trained: &Trained, options: &MeshOptions, observer: &mut dyn Observer) -> Result<Self> {
+        let Trained { model, outcome } = trained;
+        let common = outcome.header.common;
+        let views = ViewSplit::new(scene, common.hold_out_every)?;
+        let mut laps = Laps::new(observer);
+        let mut warnings = scene.warnings.clone();
+        let mesh = extract(trained, options, &views, &mut warnings)?;
+        laps.done("mesh");
+
+        let held_out = unseen_views(scene, &views);
+        let shown = spread(if held_out.is_empty() { &views.train } else { &held_out }, PREVIEW.0);
+        // The sheet shows the mesh, which is what the user keeps, where there is one.
+        let shader = model.shader(SAMPLES);
+        let mesh_shader = mesh.as_ref().map(MeshShader::new);
+        let kept = mesh_shader.as_ref().map_or(shader.as_ref(), |shader| shader as &dyn Shader);
+        let preview = preview_sheet(kept, &shown, PREVIEW.1);
+        laps.done("preview");
+
+        let of_field = view_metrics(shader.as_ref(), &held_out, HELD_OUT_PIXELS);
+        let of_mesh = mesh_shader.as_ref().and_then(|shader| view_metrics(shader, &held_out, HELD_OUT_PIXELS));
+        laps.done("held-out views");
+        let empty = Mesh::default();
+        let shape = evaluate_shape(mesh.as_ref().unwrap_or(&empty), &scene.ground_truth, common.seed)?;
+        laps.done("shape against the truth");
+        let metrics = RunMetrics {
+            scene: scene.name.clone(),
+            supervision: common.supervision.to_string(),
+            seed: common.seed,
+            steps: outcome.steps,
+            model_step: outcome.header.step,
+            parameters: model.parameters(),
+            bytes: outcome.model.len(),
+            training_seconds: outcome.seconds,
+            model_seconds: outcome.header.seconds,
+            mesh: mesh.as_ref().map(|mesh| [mesh.vertices.len(), mesh.faces.len()]),
+            shape,
+            held_out: of_field,
+            held_out_mesh: of_mesh,
+            resources: Resources::now(),
+            warnings,
+            notes: outcome.header.notes.clone(),
+            finishing_seconds: laps.seconds,
+            measuring_seconds: outcome.measuring_seconds,
+        };
+        let mesh = mesh.map(|mesh| world_mesh(&mesh, &outcome.header.object_to_world));
+        Ok(Self { mesh, preview, metrics })
+    }
+
+    /// Writes mesh (PLY and GLB), preview sheet and figures into a run's folder.
+    ///
+    /// # Errors
+    /// When a file cannot be written.
+    pub fn save(&self, folder: &RunFolder) -> Result<()> {
+        if let Some(mesh) = &self.mesh {
+            write_mesh(folder.mesh_ply(), mesh)?;
+            write_mesh(folder.mesh_glb(), mesh)?;
+        }
+        dvr_core::files::write_rgb_png(&folder.preview(), &self.preview)?;
+        let json = serde_json::to_string_pretty(&self.metrics);
+        let json = json.map_err(|e| Error::NotStored { problem: e.to_string() })?;
+        Ok(dvr_core::files::write_bytes_atomically(&folder.metrics_json(), json.as_bytes())?)
+    }
+}
+
+/// Makes the results of a run and writes them into its folder, with the compact field where the method has one.
+///
+/// # Errors
+/// As [`RunResults::new`] and [`RunResults::save`].
+pub fn finish(
+    scene: &Scene,
+    method: &dyn Method,
+    trained: &Trained,
+    folder: &RunFolder,
+    options: &MeshOptions,
+    observer: &mut dyn Observer,
+) -> Result<RunResults> {
+    let results = RunResults::new(scene, trained, options, observer)?;
+    results.save(folder)?;
+    if method.is_compact() {
+        trained.outcome.final_model().save(&folder.scene_file())?;
+    }
+    Ok(results)
+}
+
+/// The mesh in object space, or a warning.
+fn extract(
+    trained: &Trained,
+    options: &MeshOptions,
+    views: &ViewSplit,
+    warnings: &mut Vec<String>,
+) -> Result<Option<Mesh>> {
+    let model = trained.model.as_ref();
+    let seeds = surface_points(model.thorough_shader().as_ref(), &views.train, SEED_RAYS);
+    match object_mesh(model, options, &seeds, &views.train) {
+        Ok(extracted) => {
+            warnings.extend(extraction_warnings(&extracted));
+            Ok(Some(extracted.mesh))
+        }
+        Err(Error::NoMesh(reason)) => {
+            warnings.push(reason);
+            Ok(None)
+        }
+        Err(other) => Err(other),
+    }
+}
+
+/// The time of each part of the work.
+struct Laps<'o> {
+    clock: Instant,
+    seconds: Vec<(String, f64)>,
+    observer: &'o mut dyn Observer,
+}
+
+impl<'o> Laps<'o> {
+    fn new(observer: &'o mut dyn Observer) -> Self {
+        observer.phase("mesh, preview and figures", 4);
+        Self { clock: Instant::now(), seconds: Vec::new(), observer }
+    }
+
+    fn done(&mut self, part: &str) {
+        self.seconds.push((part.to_owned(), self.clock.elapsed().as_secs_f64()));
+        self.clock = Instant::now();
+        self.observer.progress(self.seconds.len(), part);
+    }
+}
+
+/// What extraction has to say, in plain words.
+pub fn extraction_warnings(extracted: &Extraction) -> Vec<String> {
+    let mut warnings: Vec<String> = extracted.warnings.iter().map(ToString::to_string).collect();
+    if extracted.dropped_components > 0 {
+        warnings.push(format!("{} small loose component(s) were dropped from the mesh", extracted.dropped_components));
+    }
+    warnings
+}
+
+/// At most `count` items, evenly spread.
+fn spread<'a>(views: &[&'a View], count: usize) -> Vec<&'a View> {
+    let count = count.min(views.len());
+    (0..count).map(|i| views[i * views.len() / count]).collect()
+}
