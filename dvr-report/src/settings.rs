@@ -65,7 +65,8 @@ mod tests {
             assert_eq!((defaults.preset.as_str(), defaults.changed.len()), (name, 0));
         }
         let mut changed =
-            settings("grid", json!({"seed": 7, "capacity": {"cells": 64}, "losses": {"mask": {"weight": 3.0}}})).changed;
+            settings("grid", json!({"seed": 7, "capacity": {"cells": 64}, "losses": {"mask": {"weight": 3.0}}}))
+                .changed;
         changed.sort();
         let keys: Vec<&str> = changed.iter().map(|[key, ..]| key.as_str()).collect();
         assert_eq!(keys, ["capacity", "losses.mask.weight", "seed"]);

@@ -244,9 +244,9 @@ impl BatchDrawer {
         let read = |view: usize| -> Result<View> {
             let view = self.dataset.read_view(object, view)?;
             if view.depth.is_none() && self.config.train.losses.depth > 0.0 {
-                let path = &self.dataset.objects()[object].path;
-                let problem = format!("view `{}` has no depth map", view.name);
-                return Err(dvr_core::Error::format(path, problem, "Use --supervision rgb.").into());
+                let object = &self.dataset.objects()[object];
+                let scene = format!("{}, view {}", object.path.display(), view.name);
+                return Err(Error::NeedsDepth { supervision: self.config.train.supervision, scene });
             }
             Ok(view)
         };
