@@ -12,13 +12,13 @@ use cubecl::wgpu::{WgpuBackend, WgpuDevice, WgpuDeviceKind};
 pub struct Adapter {
     /// Its place among [`adapters`], counted from 0.
     pub index: usize,
-    /// Its name, as the driver tells it.
+    /// Its name, as the driver gives it.
     pub name: String,
     /// What it is.
     pub kind: AdapterKind,
     /// The interface through which it is reached: Vulkan, Metal or DirectX 12.
     pub api: &'static str,
-    /// The driver's name and version; empty where it does not tell.
+    /// The driver's name and version; empty where it gives none.
     pub driver: String,
     /// The largest piece of memory that a kernel can be given, in bytes. A tensor cannot be larger.
     pub max_buffer_bytes: u64,

@@ -98,7 +98,7 @@ pub enum RecordError {
     /// The features of a ResNet-18 are for that encoder alone.
     #[error("pretrained features are those of a ResNet-18, and the encoder is another")]
     EncoderWithoutFeatures,
-    /// The tensors' shapes tell a configuration that no model can have.
+    /// The tensors' shapes give a configuration that no model can have.
     #[error(transparent)]
     OutOfRange(#[from] OutOfRange),
 }

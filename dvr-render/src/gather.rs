@@ -79,7 +79,7 @@ pub trait GatherRows: Backend {
         Self::float_select(values, 0, index)
     }
 
-    /// `[m, c]`, `[n]` and `[m]` to `[n, c]`; only the autodiff backend looks at `place`.
+    /// `[m, c]`, `[n]` and `[m]` to `[n, c]`; only the autodiff backend uses `place`.
     fn gather_distinct_rows(
         values: FloatTensor<Self>,
         index: IntTensor<Self>,

@@ -56,7 +56,7 @@ pub struct RaySearch {
 }
 
 /// Marches rays through a decoder: `[n, 3]`, for each ray its status (0 misses, 1 hits, 2 starts inside), the depth at
-/// which it hits, and the depth of the sample with the largest logit among those that were looked at.
+/// which it hits, and the depth of the sample with the largest logit among those that were evaluated.
 ///
 /// `None` where the device cannot run the kernel: it is not a GPU, has too little memory for a group, or
 /// the numbers are not of single precision.

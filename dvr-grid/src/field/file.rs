@@ -60,7 +60,7 @@ const MAGIC: &[u8; 4] = b"DVRL";
 /// Bytes before the deflated part: magic, version, nodes of shape and colour, half extent.
 const HEADER: usize = 20;
 
-/// Quantisation steps of the shape along the edge of a cell: values within four cells are told apart.
+/// Quantisation steps of the shape along the edge of a cell: values within four cells are distinguished.
 const STEPS_PER_CELL: f32 = 32.0;
 
 /// Colours may overshoot, since they are clamped only after interpolation: what the first and the last step stand for.

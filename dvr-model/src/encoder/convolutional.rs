@@ -34,7 +34,7 @@ impl Convolutional {
 
     /// Random parameters that keep the variance through ReLUs (He et al. 2015). The reference code's `width` is 32.
     ///
-    /// PyTorch's own draw, which the reference code starts from, shrinks what tells two pictures apart by a factor of 2.4 per
+    /// PyTorch's own draw, which the reference code starts from, shrinks the difference of two pictures by a factor of 2.4 per
     /// layer: codes are then all but equal, and it takes ten thousands of steps until they are not.
     pub fn new(width: usize, code_dim: usize, device: &Device) -> Self {
         let initializer = Initializer::KaimingUniform { gain: f64::sqrt(2.0), fan_out_only: false };

@@ -94,7 +94,7 @@ impl Encoder {
     /// Codes `[b, code_dim]` of a batch of objects.
     ///
     /// `images` is `[b, 3, height, width]`, sRGB in `[0, 1]`, and `objects` the row of each in the table of codes,
-    /// `[b]`. Each kind looks at one of the two only.
+    /// `[b]`. Each kind uses one of the two.
     pub fn forward(&self, images: Tensor<4>, objects: Tensor<1, Int>) -> Tensor<2> {
         match self {
             Self::Resnet18(encoder) => encoder.forward(images),

@@ -57,7 +57,7 @@ struct Rows {
 }
 
 impl Rows {
-    /// `panels` panels of so many numbers.
+    /// `panels` panels, each with its numbers.
     fn new(panels: usize, panel: usize) -> Self {
         let values = vec![0.0; panels * panel + LINE];
         let offset = values.as_ptr().align_offset(LINE * size_of::<f32>()).min(LINE);

@@ -53,7 +53,7 @@ fn expect(tensors: &Tensors, name: &str, extents: [usize; 2]) -> Result<(), Reco
     Err(RecordError::Shape { name: name.to_owned(), found: found.to_vec(), expected: format!("{extents:?}") })
 }
 
-/// Tells a ResNet-18 from its larger relatives, whose names are a superset of its own.
+/// Distinguishes a ResNet-18 from its larger relatives, whose names are a superset of its own.
 pub(super) fn check_is_resnet18(tensors: &Tensors, prefix: &str) -> Result<(), RecordError> {
     let has = |name: &str| tensors.contains_key(&format!("{prefix}{name}"));
     if has("layer1.0.conv3.weight") || has("layer1.2.conv1.weight") {

@@ -52,7 +52,7 @@ pub struct Imported<C: NetworkConfig> {
 }
 
 /// Reads a checkpoint of the reference code, or a bare state dict of its model or its decoder. `leaky` says whether the
-/// decoder was trained with `leaky: true`, which its tensors do not tell.
+/// decoder was trained with `leaky: true`, which its tensors do not show.
 ///
 /// # Errors
 /// When the file is not a PyTorch file or is cut short; when its tensors are not those of a model of the reference code, naming

@@ -84,7 +84,7 @@ impl OptimizerState {
             }
             fill(network.clone(), tensors.into_values().collect(), device).map_err(|e| e.to_string())
         };
-        let steps = self.steps().ok_or("its number of steps cannot be told")?;
+        let steps = self.steps().ok_or("its number of steps is unknown")?;
         Ok(AdamMoments { steps, first: moment("exp_avg")?, second: moment("exp_avg_sq")? })
     }
 

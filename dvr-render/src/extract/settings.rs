@@ -4,7 +4,7 @@ use dvr_core::UnitCube;
 
 use super::error::{ExtractError, Result};
 
-/// The most cells per edge. Beyond it, a single-precision vertex cannot be told from the grid's node beside it.
+/// The most cells per edge. Beyond it, a single-precision vertex cannot be distinguished from the grid's node beside it.
 const MAX_RESOLUTION: usize = 2048;
 
 /// How the crossed edges of the grid become triangles. Both give closed, oriented manifolds.

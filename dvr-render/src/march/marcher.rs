@@ -48,7 +48,7 @@ pub struct March {
     /// to go on with these alone, and is read back once.
     pub status: Vec<RayStatus>,
     /// Depth of the sample with the largest logit, `[n]`: where a ray that misses came closest to the object. Of other
-    /// rays, a marcher that stops at the surface has looked at the samples before it alone.
+    /// rays, a marcher that stops at the surface knows only the samples before it.
     pub max_logit_depth: Tensor<1>,
 }
 

@@ -13,7 +13,7 @@ use crate::march::root::Bracket;
 /// Marches through gradient-free snapshots of a field, one per object: the same samples as those of
 /// [`TensorMarcher`](crate::TensorMarcher), but none behind the first crossing.
 ///
-/// Of a ray that hits or starts inside, [`March::max_logit_depth`] is that of the samples that were looked at.
+/// Of a ray that hits or starts inside, [`March::max_logit_depth`] is that of the samples up to there.
 pub struct SnapshotMarcher<'a> {
     snapshots: &'a [Snapshot],
     settings: MarchSettings,
@@ -95,7 +95,7 @@ impl<'a> SnapshotMarcher<'a> {
     }
 }
 
-/// What sampling a ray tells.
+/// What sampling a ray finds.
 #[derive(Clone, Copy, Debug, Default)]
 struct Sampled {
     starts_inside: bool,

@@ -76,7 +76,7 @@ impl<F: Field> TensorMarcher<F> {
     }
 }
 
-/// What sampling a chunk of rays tells, one entry per ray; the bracket is meaningless where a ray does not hit.
+/// What sampling a chunk of rays finds, one entry per ray; the bracket is meaningless where a ray does not hit.
 struct Samples {
     /// [`RayStatus`]s as numbers.
     status: Tensor<1>,

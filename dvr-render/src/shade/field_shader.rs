@@ -12,7 +12,7 @@ use crate::march::{Hits, MarchSettings, Rays};
 use crate::shade::shader::{Shaded, Shader};
 use crate::skip::SkipGrid;
 
-/// How a field is looked at.
+/// How a field is rendered.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RenderSettings {
     /// Samples across the *whole* cube; a ray that may only meet the object in a part of it gets its share.

@@ -2,7 +2,7 @@
 
 use dvr_core::Ray;
 
-/// Something to look at: a field or a mesh. Pictures, validation and evaluation know nothing else.
+/// Something to render: a field or a mesh. Pictures, validation and evaluation know nothing else.
 ///
 /// Every [`Crossing`](crate::Crossing) field is one through [`FieldShader`](crate::FieldShader), which marches batches of
 /// rays, or hands them to the field's own renderer where it has one. A mesh is one through
