@@ -11,7 +11,7 @@ use burn::tensor::{Device, Distribution, Tensor};
 use dvr_core::Scene;
 use dvr_render::{Crossing, Differentiable, Field, FieldValues, Query};
 use dvr_train::{
-    Checkpoint, FieldMethod, HullUse, MeshOptions, RunFolder, RunOptions, Supervision, TrainConfig, finish, train,
+    Checkpoint, FieldMethod, HullConfig, MeshOptions, RunFolder, RunOptions, Supervision, TrainConfig, finish, train,
 };
 use std::path::Path;
 use std::time::Duration;
@@ -59,7 +59,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut scene = Scene::read(root.join("../assets/scenes/mug/mug"))?;
     let steps: usize = std::env::args().nth(1).map_or(Ok(400), |n| n.parse())?;
     let base = TrainConfig::new(Supervision::Rgb);
-    let hull = HullUse { warm_start_steps: steps.div_ceil(2), ..base.hull.clone() };
+    let hull = HullConfig { warm_start_steps: steps.div_ceil(2), ..base.hull.clone() };
     let method =
         FieldMethod::new("fourier", TrainConfig { steps, hull, ..base }, |_, device| FourierMlp::new(128, device));
 

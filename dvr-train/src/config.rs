@@ -15,8 +15,8 @@ use crate::methods::overrides::overridden;
 pub struct LossWeights {
     /// Colour of hits, L1. Its gradient shapes the surface.
     pub color: f64,
-    /// Colour of hits, L1, with the surface held still: teaches the texture alone.
-    pub texture: f64,
+    /// Colour of hits, L1, with the surface held still: trains the texture alone.
+    pub detached_color: f64,
     /// Image gradient over neighbouring pixels of hits.
     pub image_gradient: f64,
     /// Depth of hits against depth maps.
@@ -38,7 +38,7 @@ pub struct LossWeights {
     /// Distance over which central differences take the normals, object units; 0 takes exact derivatives.
     ///
     /// The exact normals of a ReLU network do not move with its biases (their masks are locally constant);
-    /// differences, the original's way, feel the kinks within a step and teach the biases.
+    /// differences, DVR's reference code's way, feel the kinks within a step and train the biases.
     pub normal_difference: f64,
     /// Most hits, evenly chosen, that the normal term looks at in a step: it costs eight evaluations a hit.
     pub normal_points: usize,
@@ -48,7 +48,7 @@ pub struct LossWeights {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum OccupancyPoint {
-    /// At a random depth in the cube, as in the original.
+    /// At a random depth in the cube, as in DVR's reference code.
     Random,
     /// Where the logit is largest already. Thin parts train much better: the demand does not wander.
     Densest,
@@ -57,7 +57,7 @@ pub enum OccupancyPoint {
 /// What the masks alone are used for: their visual hull.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct HullUse {
+pub struct HullConfig {
     /// Voxels along an edge of the hull.
     pub resolution: usize,
     /// Steps of plain occupancy fitting to the hull before rays are cast; 0 starts from noise.
@@ -82,7 +82,7 @@ pub struct MarchStage {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TrainConfig {
-    /// Which measurements teach the shape.
+    /// Which measurements the shape is learned from.
     pub supervision: Supervision,
     /// Seed of all random choices. Same seed, same backend: same numbers.
     pub seed: u64,
@@ -91,7 +91,7 @@ pub struct TrainConfig {
     /// The network.
     pub model: DecoderConfig,
     /// What the visual hull of the masks is used for.
-    pub hull: HullUse,
+    pub hull: HullConfig,
     /// Rays a step, over all training views.
     pub rays: usize,
     /// Edge of the square pixel patches that rays come in; 2 or more for the image gradient term.
@@ -129,7 +129,7 @@ pub struct TrainConfig {
 impl TrainConfig {
     /// Defaults for a kind of supervision.
     pub fn new(supervision: Supervision) -> Self {
-        let (color, texture, depth) = match supervision {
+        let (color, detached_color, depth) = match supervision {
             Supervision::Rgb => (1.0, 0.0, 0.0),
             Supervision::Depth => (0.0, 1.0, 10.0),
             Supervision::RgbDepth => (1.0, 0.0, 10.0),
@@ -140,7 +140,7 @@ impl TrainConfig {
             seed: 0,
             steps: 600,
             model: DecoderConfig::new().with_octaves(4),
-            hull: HullUse { resolution: 64, warm_start_steps: 300, warm_start_points: 2048, bound_rays: true },
+            hull: HullConfig { resolution: 64, warm_start_steps: 300, warm_start_points: 2048, bound_rays: true },
             rays: 1024,
             patch_size: 2,
             object_share: 0.5,
@@ -152,7 +152,7 @@ impl TrainConfig {
             occupancy_point: OccupancyPoint::Densest,
             losses: LossWeights {
                 color,
-                texture,
+                detached_color,
                 image_gradient: color,
                 depth,
                 depth_on_points: true,
@@ -174,14 +174,14 @@ impl TrainConfig {
         }
     }
 
-    /// The original's settings, with its faults in sampling and slopes repaired: a network without encoding that starts
+    /// The paper's settings, with its faults in sampling and slopes repaired: a network without encoding that starts
     /// from noise, rays through the whole cube, 16 to 128 samples (its 50k, 100k and 250k steps as shares of 300k),
     /// false position, occupancy at random points. For comparison, and for long runs.
     pub fn classic(supervision: Supervision) -> Self {
         let base = Self::new(supervision);
         Self {
             model: DecoderConfig::new(),
-            hull: HullUse { warm_start_steps: 0, bound_rays: false, ..base.hull },
+            hull: HullConfig { warm_start_steps: 0, bound_rays: false, ..base.hull },
             object_share: 0.0,
             march: [(0, 16), (17, 32), (33, 64), (83, 128)]
                 .map(|(from_percent, samples)| MarchStage { from_percent, samples })
@@ -281,7 +281,7 @@ impl TrainConfig {
         let weights = &self.losses;
         let all = [
             ("color", weights.color),
-            ("texture", weights.texture),
+            ("detached_color", weights.detached_color),
             ("image_gradient", weights.image_gradient),
             ("depth", weights.depth),
             ("sparse_depth", weights.sparse_depth),

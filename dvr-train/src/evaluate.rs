@@ -19,7 +19,7 @@ use crate::export::preview::{to_rgb8, whitened};
 pub struct ShapeEvaluation {
     /// Distances, normals and F-scores, where the true surface is known.
     pub surface: Option<ShapeScore>,
-    /// What the true surface, sampled twice, scores: no reconstruction can be told to be better.
+    /// What the true surface, sampled twice, scores: no reconstruction can be measured to be better.
     pub floor: Option<ShapeScore>,
     /// Volume IoU on points of the cube, where the true occupancy is known.
     pub volume_iou: Option<f64>,

@@ -18,7 +18,7 @@
 //! render_dataset(&ball, "ball", "balls", folder.path(), &few, &|_, _| ())?;
 //! let scene = read_scene(&folder.path().join("balls/ball"), &ReadOptions::default())?;
 //!
-//! // A small network takes the masks' hull as its first shape; then rays teach it.
+//! // A small network takes the masks' hull as its first shape; then rays train it.
 //! let device = Device::flex();
 //! let mut config = TrainConfig { rays: 64, steps: 3, ..TrainConfig::new(Supervision::Rgb) };
 //! config.model.hidden = 16;
@@ -51,7 +51,7 @@ mod resources;
 mod run;
 
 pub use cameras::{RefinedCameras, refine_cameras};
-pub use config::{HullUse, LossWeights, MarchStage, OccupancyPoint, TrainConfig};
+pub use config::{HullConfig, LossWeights, MarchStage, OccupancyPoint, TrainConfig};
 pub use dvr_core::{Supervision, ViewSplit};
 pub use dvr_grid::{Capacity, DisagreeingViews, GridConfig, GridLosses, GridTrainer, Part, PartTimes};
 pub use dvr_render::{ViewMetrics, view_metrics};
@@ -88,8 +88,8 @@ pub use methods::{METHODS, MethodEntry, load_model, method_by_name, method_of};
 pub use objects::predict::{Prediction, predict};
 pub use objects::{
     Evaluation, MeanScore, MeanShapes, Measurement, NearestPicture, ObjectModel, ObjectScore, ObjectsConfig,
-    ObjectsMetrics, ObjectsTrainer, Results, Shape, Shard, Subject, Summary, TrainedObjects, finish_objects,
-    judged_input, merge_results, read_results, to_markdown, train_objects, write_summaries,
+    ObjectsMetrics, ObjectsTrainer, Predictor, Results, Shape, Shard, Summary, TrainedObjects, evaluated_input,
+    finish_objects, merge_results, read_results, to_markdown, train_objects, write_summaries,
 };
 pub use observer::Observer;
 pub use resources::Resources;

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 /// Time and memory of a process.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Resources {
-    /// Seconds of all processors together.
+    /// Seconds of all CPU cores together.
     pub cpu_seconds: f64,
     /// The most memory it held at a time, in bytes, where the system tells (Linux).
     pub peak_memory: Option<u64>,

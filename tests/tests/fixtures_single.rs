@@ -325,7 +325,7 @@ impl Step {
             patch_size,
             losses: LossWeights {
                 color: f.number("lambda_rgb"),
-                texture: 0.0,
+                detached_color: 0.0,
                 image_gradient: f.number("lambda_image_gradients"),
                 depth: f.number("lambda_depth"),
                 depth_on_points: f.truths("depth_loss_on_world_points")[0],

@@ -8,7 +8,7 @@ use anyhow::{Context, Result, bail};
 use clap::ValueEnum;
 use dvr_core::dataset::ObjectDataset;
 use dvr_train::{
-    Checkpoint, Evaluation, MeanShapes, Measurement, NearestPicture, ObjectModel, Observer, Results, Shard, Subject,
+    Checkpoint, Evaluation, MeanShapes, Measurement, NearestPicture, ObjectModel, Observer, Predictor, Results, Shard,
     Summary, merge_results, to_markdown, write_summaries,
 };
 
@@ -39,8 +39,8 @@ pub fn of_run(args: &EvalArgs, run: &Path, checkpoint: &Checkpoint) -> Result<Ex
     let split_name = split.to_possible_value().map_or(String::new(), |value| value.get_name().to_owned());
     let out = args.objects.out.clone().unwrap_or_else(|| folder.join(format!("eval_{split_name}")));
     let name = folder.canonicalize().ok().and_then(|path| Some(path.file_name()?.to_string_lossy().into_owned()));
-    let subject = Subject::Model(Box::new(model));
-    measure(args, &dataset, &subject, name.unwrap_or_else(|| "run".to_owned()), checkpoint.header.step, &out)
+    let predictor = Predictor::Model(Box::new(model));
+    measure(args, &dataset, &predictor, name.unwrap_or_else(|| "run".to_owned()), checkpoint.header.step, &out)
 }
 
 /// Measures a baseline, or joins files.
@@ -61,10 +61,10 @@ pub fn without_run(args: &EvalArgs) -> Result<ExitCode> {
         let object = &dataset.objects()[object];
         notes.push(format!("{}/{} is left out: {problem}", object.category, object.name));
     };
-    let (subject, name) = match baseline {
+    let (predictor, name) = match baseline {
         Baseline::MeanShape => {
             let means = MeanShapes::read(&dataset, |done| progress.progress(done, ""), problem)?;
-            (Subject::MeanShape(means), "mean shape")
+            (Predictor::MeanShape(means), "mean shape")
         }
         Baseline::NearestPicture => {
             let shown = std::sync::Mutex::new(&mut progress);
@@ -73,18 +73,18 @@ pub fn without_run(args: &EvalArgs) -> Result<ExitCode> {
                     progress.progress(done, "");
                 }
             };
-            (Subject::NearestPicture(NearestPicture::read(&dataset, show, problem)?), "nearest picture")
+            (Predictor::NearestPicture(NearestPicture::read(&dataset, show, problem)?), "nearest picture")
         }
     };
     super::print_notes(&notes);
-    measure(args, &dataset, &subject, name.to_owned(), 0, out)
+    measure(args, &dataset, &predictor, name.to_owned(), 0, out)
 }
 
-/// Measures a subject, writes and prints the tables.
+/// Measures a predictor, writes and prints the tables.
 fn measure(
     args: &EvalArgs,
     dataset: &ObjectDataset,
-    subject: &Subject,
+    predictor: &Predictor,
     name: String,
     steps: usize,
     out: &Path,
@@ -104,7 +104,7 @@ fn measure(
     let path = out.join(file);
     let mut results = Results::open(&path, measurement.clone())?;
     interrupt::catch()?;
-    let evaluation = Evaluation { dataset, subject, split, shard, extraction: &extraction };
+    let evaluation = Evaluation { dataset, predictor, split, shard, extraction: &extraction };
     let broken = evaluation.run(&mut results, &INTERRUPTED, &mut Progress::new())?;
     if INTERRUPTED.load(Ordering::Relaxed) {
         eprintln!("stopped; {} objects are in {}. The same command goes on", results.scores.len(), path.display());
@@ -127,7 +127,7 @@ fn measure(
     Ok(ExitCode::SUCCESS)
 }
 
-/// Joins shards, and puts subjects side by side.
+/// Joins shards, and puts predictors side by side.
 fn merge(files: &[PathBuf], out: &Path) -> Result<ExitCode> {
     let summaries = merge_results(files)?;
     println!("{}", to_markdown(&summaries));

@@ -27,7 +27,7 @@ use pose::{Aligned, Marks, align};
 const STEPS: usize = 150;
 
 /// Steps at the end of a training whose loss counts.
-const JUDGED_STEPS: usize = 50;
+const COMPARED_STEPS: usize = 50;
 
 /// Cells along an edge of these fields: in the first rounds, when cameras are far off, and then.
 const CELLS: [usize; 2] = [32, 64];
@@ -90,7 +90,7 @@ impl RefinedCameras {
 /// interrupted, and the scene is as it was.
 ///
 /// Fields are trained as `config` says, on training views alone. Views that are held out or for testing are moved too,
-/// to be comparable, but teach nothing.
+/// to be comparable, but nothing is learned from them.
 ///
 /// # Errors
 /// When the scene has too few views, a view has no mask, or the masks show no object.
@@ -104,7 +104,7 @@ pub fn refine_cameras(
     scene.require_masks()?;
     let given: Vec<Camera> = scene.views.iter().map(|view| view.camera.clone()).collect();
     let marks: Vec<Marks> = scene.views.par_iter().map(Marks::new).collect();
-    let teaching: Vec<bool> = {
+    let is_training: Vec<bool> = {
         let views = ViewSplit::new(scene, config.hold_out_every)?;
         scene.views.iter().map(|view| views.train.iter().any(|train| std::ptr::eq(*train, view))).collect()
     };
@@ -127,10 +127,10 @@ pub fn refine_cameras(
             .collect();
         // Where the whole stands, how it is turned and how large it is stays as given; where that is not determined,
         // all stays.
-        let teachers = |i: &usize| teaching[*i];
+        let in_training = |i: &usize| is_training[*i];
         let gauge = Similarity::between_cameras(
-            (0..aligned.len()).filter(teachers).map(|i| &aligned[i].camera),
-            (0..given.len()).filter(teachers).map(|i| &given[i]),
+            (0..aligned.len()).filter(in_training).map(|i| &aligned[i].camera),
+            (0..given.len()).filter(in_training).map(|i| &given[i]),
         )
         .unwrap_or_default();
         let cameras: Vec<Camera> = aligned.iter().map(|aligned| aligned.camera.into_world(&gauge)).collect();
@@ -190,7 +190,7 @@ fn coarse(scene: &Scene, config: &GridConfig, cells: usize, interrupted: &Atomic
         }
         losses.push(trainer.step()?.loss);
     }
-    let last = &losses[losses.len().saturating_sub(JUDGED_STEPS)..];
+    let last = &losses[losses.len().saturating_sub(COMPARED_STEPS)..];
     Ok(Some(Coarse { field: trainer.field()?, loss: last.iter().sum::<f64>() / last.len().max(1) as f64 }))
 }
 

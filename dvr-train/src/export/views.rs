@@ -1,4 +1,4 @@
-//! Which views judge a run, and what they see of its surface.
+//! Which views a run is measured on, and what they see of its surface.
 
 use dvr_core::{Ray, Scene, Split, View, ViewSplit};
 use dvr_render::{Shaded, Shader};

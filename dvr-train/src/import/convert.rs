@@ -25,7 +25,7 @@ use crate::objects::config::ObjectsConfig;
 use crate::run::checkpoint::{CHECKPOINT_VERSION, Checkpoint, CheckpointHeader};
 use dvr_core::Supervision;
 
-/// What an import is told besides the file.
+/// What an import takes besides the file.
 #[derive(Clone, Debug, Default)]
 pub struct ImportOptions {
     /// The configuration that the network was trained with; without it, the paper's settings for one scene or many.
@@ -142,7 +142,7 @@ fn of_objects(
     Box::new(ObjectsMethod::classic(ObjectsConfig { encoder, train, ..base }))
 }
 
-/// With the step size that the optimiser had last, and with no last step but the end of the original's sampling
+/// With the step size that the optimiser had last, and with no last step but the end of the reference code's sampling
 /// schedule.
 fn going_on(train: TrainConfig, learning_rate: Option<f64>) -> TrainConfig {
     let learning_rate = learning_rate.filter(|rate| *rate > 0.0).unwrap_or(train.learning_rate);

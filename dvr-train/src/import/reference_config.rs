@@ -1,4 +1,4 @@
-//! The original's YAML configurations, read as ours.
+//! YAML configurations of DVR's reference code, read as ours.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -15,7 +15,7 @@ use crate::methods::objects::ObjectsMethod;
 use crate::objects::config::ObjectsConfig;
 use dvr_core::Supervision;
 
-/// What a configuration of the original says that has a meaning here.
+/// What a configuration of DVR's reference code says that has a meaning here.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReferenceConfig {
     /// Network, losses, schedule. `rays` are those of one image.
@@ -24,7 +24,7 @@ pub struct ReferenceConfig {
     pub encoder: Option<EncoderConfig>,
     /// Images a step, each of another object where there are many: `training.batch_size`.
     pub images_per_step: usize,
-    /// Whether only one view of each object teaches: `data.n_views: 1`.
+    /// Whether only one view of each object is learned from: `data.n_views: 1`.
     pub one_view: bool,
     /// How the scene is to be read.
     pub reading: ReadOptions,
@@ -35,7 +35,7 @@ pub struct ReferenceConfig {
 /// How many configurations may inherit from each other before this is taken for a circle.
 const MOST_ANCESTORS: usize = 16;
 
-/// Steps of a run, of which the original's sampling schedule (50 000, 100 000, 250 000) takes its shares here.
+/// Steps of a run, of which the reference code's sampling schedule (50 000, 100 000, 250 000) takes its shares here.
 const STEPS: usize = 300_000;
 
 /// Keys, or beginnings of keys, without a meaning here, and why.
@@ -45,7 +45,7 @@ const WITHOUT_MEANING: [(&str, &str); 16] = [
     ("data.classes", "the dataset is given on the command line"),
     ("data.img_", "the layout is found by looking"),
     ("data.", "the layout is found by looking"),
-    ("model.lambda_normals", "the original does not know it either; its lambda_normal is"),
+    ("model.lambda_normals", "the reference code does not know it either; its lambda_normal is"),
     ("model.reduction_method", "losses are means over rays, and Adam does not see their scale"),
     (
         "training.scheduler_milestones",
@@ -53,7 +53,7 @@ const WITHOUT_MEANING: [(&str, &str); 16] = [
     ),
     ("training.model_selection", "the held-out pictures, or their silhouettes, choose the best checkpoint"),
     ("training.use_cube_intersection", "rays are always searched inside the object's cube"),
-    ("training.always_freespace", "background rays always teach free space"),
+    ("training.always_freespace", "background rays always count for free space"),
     ("training.out_dir", "the folder is given on the command line"),
     ("test.model_file", "the checkpoint is given on the command line"),
     ("test.", "evaluation is configured where it is done"),
@@ -62,9 +62,9 @@ const WITHOUT_MEANING: [(&str, &str); 16] = [
 ];
 
 impl ReferenceConfig {
-    /// Reads a configuration with all that it inherits; keys that it leaves out have the original's defaults.
+    /// Reads a configuration with all that it inherits; keys that it leaves out have the reference code's defaults.
     ///
-    /// `inherit_from` is taken as the original takes it, from the folder in which its `configs/` lies, wherever that is
+    /// `inherit_from` is taken as the reference code takes it, from the folder in which its `configs/` lies, wherever that is
     /// above the file, or from the current folder.
     ///
     /// # Errors
@@ -180,7 +180,7 @@ impl Keys {
             patch_size: self.count("model.patch_size", 1)?,
             losses: LossWeights {
                 color,
-                texture: 0.0,
+                detached_color: 0.0,
                 depth,
                 image_gradient: self.number("model.lambda_image_gradients", 0.0)?,
                 depth_on_points: self.truth("training.depth_loss_on_world_points", false)?,
@@ -194,7 +194,7 @@ impl Keys {
             learning_rate_factor: self.number("training.scheduler_gamma", 0.5)?,
             validate_every: self.count("training.validate_every", 2000)?,
             checkpoint_every: self.count("training.checkpoint_every", 200)?,
-            // The original trains on every view and validates on the same.
+            // The reference code trains on every view and validates on the same.
             hold_out_every: 0,
             model: decoder,
             ..base

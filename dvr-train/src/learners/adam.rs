@@ -1,18 +1,18 @@
-//! Adam, with the moments in the processor's memory when they come from a file.
+//! Adam, with the moments in the CPU's memory when they come from a file.
 
 use burn::optim::{
     Adam, AdamConfig, AdamState, LearningRate, ModuleOptimizer, Optimizer, RecordState, StateSink, StateSource,
 };
 use burn::tensor::{Device, Tensor};
 
-/// The optimiser of the original: Adam with the usual moments.
+/// The optimiser of DVR's reference code: Adam with the usual moments.
 pub(crate) fn adam() -> ModuleOptimizer {
     ModuleOptimizer::from(HostLoaded(AdamConfig::new().with_epsilon(1e-8).build()))
 }
 
 /// Adam as it is, but for where burn puts a state that it reads.
 ///
-/// burn loads it onto its default device, which is a graphics processor wherever the program was built for one, be
+/// burn loads it onto its default device, which is a GPU wherever the program was built for one, be
 /// there such a thing or not; the next step moves it to the parameters' device. So it can as well start on the CPU,
 /// which is always there.
 #[derive(Clone)]

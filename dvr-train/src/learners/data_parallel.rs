@@ -60,8 +60,8 @@ impl DataParallel {
             if !is_alone {
                 loss = loss.weighted(weight);
             }
-            let is_taught = !loss.terms.is_empty();
-            let gradients = is_taught.then(|| GradientsParams::from_grads(loss.total.clone().backward(), &model));
+            let has_terms = !loss.terms.is_empty();
+            let gradients = has_terms.then(|| GradientsParams::from_grads(loss.total.clone().backward(), &model));
             let gradients = gradients.map(|gradients| gradients.to_device(self.first(), &model));
             (loss.detached_on(self.first()), gradients)
         };
@@ -76,20 +76,20 @@ impl DataParallel {
                 })
                 .collect();
             let own = own.map(|(part, device)| learn(model.clone(), part, device));
-            // A device that was lost panics over there; that is told here as if it had been the first one.
+            // A device that was lost panics over there; that panics here as if it had been the first one.
             let others = others.into_iter().map(|other| other.join().unwrap_or_else(|e| std::panic::resume_unwind(e)));
             own.into_iter().chain(others).collect::<Vec<_>>()
         });
         let mut sum = GradientsAccumulator::new();
-        let (mut losses, mut is_taught) = (Vec::new(), false);
+        let (mut losses, mut has_terms) = (Vec::new(), false);
         for (loss, gradients) in learned {
             losses.push(loss);
             if let Some(gradients) = gradients {
-                is_taught = true;
+                has_terms = true;
                 sum.accumulate(model, gradients);
             }
         }
-        (StepLoss::sum(losses, self.first()), is_taught.then(|| sum.grads()))
+        (StepLoss::sum(losses, self.first()), has_terms.then(|| sum.grads()))
     }
 }
 

@@ -167,8 +167,12 @@ fn surface_terms(
         if weights.color > 0.0 {
             add("color", weights.color, losses::color_l1(object.gather(surface.color.clone()), color.clone()));
         }
-        if weights.texture > 0.0 {
-            add("texture", weights.texture, losses::color_l1(object.gather(surface.fixed_color.clone()), color));
+        if weights.detached_color > 0.0 {
+            add(
+                "detached_color",
+                weights.detached_color,
+                losses::color_l1(object.gather(surface.fixed_color.clone()), color),
+            );
         }
     }
     if weights.image_gradient > 0.0 && !roles.patch_hits.is_empty() {

@@ -1,7 +1,7 @@
 //! A first shape for the network: the visual hull of the masks, fitted as plain occupancy.
 //!
 //! A network that starts from noise has to find the object before it can refine it, and thin objects are lost on the
-//! way: no ray hits them, so no ray teaches them. The hull is cheap, needs nothing but masks and cameras, and contains
+//! way: no ray hits them, so no ray moves them. The hull is cheap, needs nothing but masks and cameras, and contains
 //! the object.
 
 use std::sync::atomic::{AtomicBool, Ordering};

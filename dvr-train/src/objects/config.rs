@@ -6,7 +6,7 @@ use dvr_model::{DecoderConfig, EncoderConfig, ImageModelConfig};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use crate::config::{HullUse, MarchStage, TrainConfig};
+use crate::config::{HullConfig, MarchStage, TrainConfig};
 use crate::error::{Error, Result};
 use crate::methods::overrides::{overridden, visible};
 use crate::methods::record::MethodRecord;
@@ -23,19 +23,19 @@ const HIDDEN: &[&str] = &["hold_out_every", "hull.warm_start_steps", "hull.warm_
 pub struct ObjectsConfig {
     /// What makes the latent code of an object.
     pub encoder: EncoderConfig,
-    /// File whose ResNet-18 the encoder starts from: torchvision's own, or an encoder of the original; `null` starts
+    /// File whose ResNet-18 the encoder starts from: torchvision's own, or an encoder of DVR's reference code; `null` starts
     /// from random features. It is read once, when the run begins.
     #[serde(default)]
     pub pretrained: Option<PathBuf>,
     /// Objects a step.
     pub objects: usize,
-    /// Views of each object that teach in a step, drawn anew each time.
+    /// Views of each object that a step learns from, drawn anew each time.
     pub views: usize,
-    /// Whether only one view of each object ever teaches, the same in all steps: the publication's single-view
+    /// Whether only one view of each object is ever learned from, the same in all steps: the paper's single-view
     /// supervision.
     pub one_view: bool,
     /// With `rgb`: weight of the loss against the depth of the visual hull of all masks of an object, `hull.resolution`
-    /// voxels wide; colours then teach the texture alone. 0 leaves it out, and colours shape the surface. So they do
+    /// voxels wide; colours then train the texture alone. 0 leaves it out, and colours shape the surface. So they do
     /// with `one_view`, where other views' masks are not known.
     #[serde(default)]
     pub hull_depth: f64,
@@ -81,7 +81,7 @@ impl ObjectsConfig {
         }
     }
 
-    /// The publication's setting: ResNet-18 on pictures of 224 pixels, codes of 256, a decoder of width 512, 64 objects
+    /// The paper's setting: ResNet-18 on pictures of 224 pixels, codes of 256, a decoder of width 512, 64 objects
     /// of 1024 rays a step, and what [`TrainConfig::classic`] says of marching and losses. For comparison, and for
     /// large machines.
     pub fn classic(supervision: Supervision) -> Self {
@@ -141,7 +141,7 @@ impl ObjectsConfig {
             let losses = &mut config.losses;
             losses.depth = self.hull_depth;
             // Where the depth is known, what colour says of it is noise: it fits one object's pixels, not the next one's.
-            losses.texture += std::mem::take(&mut losses.color);
+            losses.detached_color += std::mem::take(&mut losses.color);
             losses.image_gradient = 0.0;
         }
         config
@@ -181,8 +181,8 @@ fn out_of_range(key: &str, value: impl ToString, range: &str) -> Error {
     Error::OutOfRange { key: key.into(), value: value.to_string(), range: range.into() }
 }
 
-fn no_hull(base: &TrainConfig) -> HullUse {
-    HullUse { warm_start_steps: 0, bound_rays: false, ..base.hull.clone() }
+fn no_hull(base: &TrainConfig) -> HullConfig {
+    HullConfig { warm_start_steps: 0, bound_rays: false, ..base.hull.clone() }
 }
 
 #[cfg(test)]

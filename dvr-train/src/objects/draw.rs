@@ -1,4 +1,4 @@
-//! What a step looks at: which objects, which picture of each goes to the encoder, and what teaches.
+//! What a step looks at: which objects, which picture of each goes to the encoder, and what it learns from.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -26,11 +26,11 @@ pub(crate) struct ObjectsBatch {
     pub rows: Vec<i64>,
     /// What the encoder sees of each object; empty where it sees nothing.
     pub inputs: Vec<RgbImage>,
-    /// What teaches.
+    /// What is learned from.
     pub ray_gradient: RayGradient,
 }
 
-/// What teaches in a step. `owner` is the place of the object in the batch.
+/// What is learned from in a step. `owner` is the place of the object in the batch.
 #[derive(Clone, Debug)]
 pub(crate) enum RayGradient {
     /// Pixels of posed views.
@@ -251,7 +251,7 @@ impl BatchDrawer {
             Ok(view)
         };
         if self.config.one_view {
-            return Ok(vec![read(teaching_view(self.config.train.seed, &self.dataset, object, count))?]);
+            return Ok(vec![read(training_view(self.config.train.seed, &self.dataset, object, count))?]);
         }
         (0..self.config.views).map(|_| read(rng.random_range(0..count))).collect()
     }
@@ -272,9 +272,9 @@ impl BatchDrawer {
     }
 }
 
-/// The one view of an object that teaches with `one_view`: a hash of the seed and the object's name, so that it stays
+/// The one view of an object that is learned from with `one_view`: a hash of the seed and the object's name, so that it stays
 /// the same when the dataset grows.
-fn teaching_view(seed: u64, dataset: &ObjectDataset, object: usize, views: usize) -> usize {
+fn training_view(seed: u64, dataset: &ObjectDataset, object: usize, views: usize) -> usize {
     let object = &dataset.objects()[object];
     (stable_hash(seed, &[&object.category, &object.name]) % views as u64) as usize
 }

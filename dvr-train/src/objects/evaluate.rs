@@ -9,8 +9,8 @@ use dvr_render::MeshShader;
 use dvr_render::extract::ExtractSettings;
 use rayon::prelude::*;
 
+use super::predictor::{Predictor, Shape, evaluated_input};
 use super::results::{ObjectScore, Results};
-use super::subject::{Shape, Subject, judged_input};
 use crate::error::Result;
 use crate::observer::Observer;
 use dvr_render::view_metrics;
@@ -34,7 +34,7 @@ pub struct Evaluation<'a> {
     /// The objects.
     pub dataset: &'a ObjectDataset,
     /// What makes their shapes.
-    pub subject: &'a Subject,
+    pub predictor: &'a Predictor,
     /// Which of the objects.
     pub split: Split,
     /// Which part of these.
@@ -110,9 +110,9 @@ impl Evaluation<'_> {
 
     fn score(&self, object: usize, seed: u64, views: usize) -> Result<ObjectScore> {
         let dataset = self.dataset;
-        let input = judged_input(dataset, object, seed)?;
+        let input = evaluated_input(dataset, object, seed)?;
         let truth = dataset.read_ground_truth(object)?;
-        let shape = self.subject.shape(dataset, object, input, self.extraction)?;
+        let shape = self.predictor.shape(dataset, object, input, self.extraction)?;
         let view_metrics = match &shape {
             Shape::Mesh(mesh) if views > 0 => {
                 let all = dataset.views(object)?;

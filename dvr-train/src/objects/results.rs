@@ -24,7 +24,7 @@ pub struct Measurement {
     /// Format version.
     pub version: u32,
     /// What made the shapes: a run's name, or that of a baseline.
-    pub subject: String,
+    pub predictor: String,
     /// Optimiser steps of the model; 0 for baselines.
     pub steps: usize,
     /// The split.
@@ -39,8 +39,8 @@ pub struct Measurement {
 
 impl Measurement {
     /// A measurement of this program.
-    pub fn new(subject: String, steps: usize, split: Split, seed: u64, resolution: usize, views: usize) -> Self {
-        Self { version: VERSION, subject, steps, split, seed, resolution, views }
+    pub fn new(predictor: String, steps: usize, split: Split, seed: u64, resolution: usize, views: usize) -> Self {
+        Self { version: VERSION, predictor, steps, split, seed, resolution, views }
     }
 }
 

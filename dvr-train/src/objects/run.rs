@@ -31,7 +31,7 @@ use crate::run::training_loop::TrainingLoop;
 pub struct ObjectsMetrics {
     /// The dataset's folder.
     pub dataset: std::path::PathBuf,
-    /// What taught the shape.
+    /// What the shape was learned from.
     pub supervision: String,
     /// Seed.
     pub seed: u64,
@@ -151,7 +151,7 @@ pub fn finish_objects(
     let mut rows = Vec::new();
     for i in 0..count {
         let row = i * objects.len() / count;
-        // A broken object has been told of in training.
+        // A broken object was reported in training.
         rows.extend(row_of(model, dataset, objects[row], row).ok());
         observer.progress(i + 1, "");
     }

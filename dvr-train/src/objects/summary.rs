@@ -33,7 +33,7 @@ const FIGURES: [Figure; 11] = [
 const SHOWN: [&str; 7] =
     ["chamfer_l1", "chamfer_l1_floor", "normal_consistency", "f_score_0.02", "volume_iou", "silhouette_iou", "psnr"];
 
-/// The mean figures of one subject over some objects.
+/// The mean figures of one predictor over some objects.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct MeanScore {
     /// How many objects.
@@ -42,7 +42,7 @@ pub struct MeanScore {
     pub figures: BTreeMap<String, f64>,
 }
 
-/// One subject's figures.
+/// One predictor's figures.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
     /// What was measured.
@@ -71,7 +71,7 @@ fn mean_score(scores: &[&ObjectScore]) -> MeanScore {
 }
 
 impl Summary {
-    /// The means of one subject's results, whatever their order.
+    /// The means of one predictor's results, whatever their order.
     pub fn new(measurement: Measurement, scores: &[ObjectScore]) -> Self {
         let mut sorted: Vec<&ObjectScore> = scores.iter().collect();
         sorted.sort_by(|a, b| (&a.category, &a.name).cmp(&(&b.category, &b.name)));
@@ -96,7 +96,7 @@ impl Summary {
     }
 }
 
-/// Reads files of results, joins the shards of each measurement, and sums them up, subject by subject.
+/// Reads files of results, joins the shards of each measurement, and sums them up, predictor by predictor.
 ///
 /// # Errors
 /// When a file is no results', or an object is there twice.
@@ -133,16 +133,16 @@ pub fn write_summaries(folder: &Path, summaries: &[Summary]) -> Result<()> {
     Ok(())
 }
 
-/// A row for each subject and category, a column for each figure, full precision, lengths in edges of the object cube.
+/// A row for each predictor and category, a column for each figure, full precision, lengths in edges of the object cube.
 fn to_csv(summaries: &[Summary]) -> Result<String> {
     let broken = |e: String| Error::NotStored { problem: e };
     let mut writer = csv::Writer::from_writer(Vec::new());
-    let header = ["subject", "category", "objects"].into_iter().chain(FIGURES.iter().map(|figure| figure.0));
+    let header = ["predictor", "category", "objects"].into_iter().chain(FIGURES.iter().map(|figure| figure.0));
     writer.write_record(header).map_err(|e| broken(e.to_string()))?;
     for summary in summaries {
         for (category, score) in summary.rows() {
             let figures = FIGURES.iter().map(|(key, ..)| score.figures.get(*key).map_or(String::new(), f64::to_string));
-            let start = [summary.measurement.subject.clone(), category.to_owned(), score.objects.to_string()];
+            let start = [summary.measurement.predictor.clone(), category.to_owned(), score.objects.to_string()];
             writer.write_record(start.into_iter().chain(figures)).map_err(|e| broken(e.to_string()))?;
         }
     }
@@ -150,7 +150,7 @@ fn to_csv(summaries: &[Summary]) -> Result<String> {
     String::from_utf8(bytes).map_err(|e| broken(e.to_string()))
 }
 
-/// The papers' form: a row a category; a column a figure for one subject, or a table a figure with a column a subject.
+/// The papers' form: a row a category; a column a figure for one predictor, or a table a figure with a column a predictor.
 pub fn to_markdown(summaries: &[Summary]) -> String {
     let mut text = String::new();
     let shown: Vec<&Figure> = FIGURES
@@ -160,7 +160,7 @@ pub fn to_markdown(summaries: &[Summary]) -> String {
         .collect();
     if let [summary] = summaries {
         let titles: Vec<String> = shown.iter().map(|figure| title(figure)).collect();
-        let _ = writeln!(text, "{}: {} objects\n", summary.measurement.subject, summary.mean_of_objects.objects);
+        let _ = writeln!(text, "{}: {} objects\n", summary.measurement.predictor, summary.mean_of_objects.objects);
         let _ = writeln!(text, "| category | objects | {} |", titles.join(" | "));
         let _ = writeln!(text, "|---|{}", "---|".repeat(1 + shown.len()));
         for (category, score) in summary.rows() {
@@ -171,9 +171,9 @@ pub fn to_markdown(summaries: &[Summary]) -> String {
     }
     let Some(first) = summaries.first() else { return text };
     for figure in shown {
-        let subjects: Vec<&str> = summaries.iter().map(|summary| summary.measurement.subject.as_str()).collect();
-        let _ = writeln!(text, "{}\n\n| category | objects | {} |", title(figure), subjects.join(" | "));
-        let _ = writeln!(text, "|---|{}", "---|".repeat(1 + subjects.len()));
+        let predictors: Vec<&str> = summaries.iter().map(|summary| summary.measurement.predictor.as_str()).collect();
+        let _ = writeln!(text, "{}\n\n| category | objects | {} |", title(figure), predictors.join(" | "));
+        let _ = writeln!(text, "|---|{}", "---|".repeat(1 + predictors.len()));
         for (category, score) in first.rows() {
             let of =
                 |summary: &Summary| summary.rows().find(|(name, _)| *name == category).map(|(_, s)| cell(s, figure));
@@ -207,8 +207,8 @@ mod tests {
         ObjectScore { category: category.clone(), category_name: category, name, input: 0, shape, views: None }
     }
 
-    fn measurement(subject: &str) -> Measurement {
-        Measurement::new(subject.into(), 0, Split::Test, 0, 64, 0)
+    fn measurement(predictor: &str) -> Measurement {
+        Measurement::new(predictor.into(), 0, Split::Test, 0, 64, 0)
     }
 
     #[test]

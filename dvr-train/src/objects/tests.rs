@@ -20,7 +20,7 @@ use super::draw::{BatchDrawer, RayGradient};
 use super::loader::Loader;
 use super::mean_shape::MeanShapes;
 use super::nearest_picture::NearestPicture;
-use super::subject::{Shape, Subject, judged_input};
+use super::predictor::{Predictor, Shape, evaluated_input};
 use super::trainer::ObjectsTrainer;
 use crate::config::MarchStage;
 use crate::learners::learner::Learner;
@@ -82,8 +82,8 @@ fn batches_come_in_the_order_of_steps_and_every_epoch_has_every_object_once() {
     for step in 1..=6 {
         let (ahead, alone) = (loader.next_batch().unwrap(), drawer.draw(step).unwrap());
         assert_eq!((&ahead.rows, &ahead.inputs), (&alone.rows, &alone.inputs), "step {step}");
-        let RayGradient::Pixels { pixels, owner, .. } = ahead.ray_gradient else { panic!("pixels teach") };
-        let RayGradient::Pixels { pixels: again, .. } = alone.ray_gradient else { panic!("pixels teach") };
+        let RayGradient::Pixels { pixels, owner, .. } = ahead.ray_gradient else { panic!("pixels") };
+        let RayGradient::Pixels { pixels: again, .. } = alone.ray_gradient else { panic!("pixels") };
         assert_eq!((&pixels.color, &pixels.rays), (&again.color, &again.rays));
         assert_eq!(owner.chunks(16).map(|chunk| chunk[0]).collect::<Vec<_>>(), [0, 1, 2, 3]);
         rows.extend(ahead.rows);
@@ -99,14 +99,14 @@ fn batches_come_in_the_order_of_steps_and_every_epoch_has_every_object_once() {
 }
 
 #[test]
-fn with_one_view_an_object_always_teaches_by_the_same() {
+fn with_one_view_an_object_always_learns_from_the_same_view() {
     let (_folder, dataset) = dataset();
     let config = ObjectsConfig { one_view: true, ..small(Supervision::Depth) };
     let drawer = BatchDrawer::new(dataset, config).unwrap();
     let mut origin = std::collections::BTreeMap::new();
     for step in 1..=12 {
         let batch = drawer.draw(step).unwrap();
-        let RayGradient::Pixels { pixels, owner, .. } = batch.ray_gradient else { panic!("pixels teach") };
+        let RayGradient::Pixels { pixels, owner, .. } = batch.ray_gradient else { panic!("pixels") };
         for (ray, &place) in pixels.rays.iter().zip(&owner) {
             let row = batch.rows[place as usize];
             assert_eq!(*origin.entry(row).or_insert(ray.origin), ray.origin, "object {row}, step {step}");
@@ -235,7 +235,7 @@ fn devices_that_share_the_objects_of_a_step_learn_what_one_does() {
 }
 
 #[test]
-fn occupancies_are_learned_and_two_objects_told_apart() {
+fn occupancies_are_learned_and_two_objects_distinguished() {
     let (_folder, dataset) = dataset();
     let mut config = ObjectsConfig { encoder: EncoderConfig::Codes { objects: 6 }, ..small(Supervision::Occupancy) };
     (config.points, config.objects, config.train.steps, config.train.learning_rate) = (256, 6, 300, 1e-2);
@@ -264,14 +264,14 @@ fn baselines_know_the_training_objects_alone() {
     let (_folder, dataset) = dataset();
     let test = dataset.of_split(Split::Test);
     let nobody = |_: usize, problem: String| panic!("{problem}");
-    let mean = Subject::MeanShape(MeanShapes::read(&dataset, |_| (), nobody).unwrap());
-    let nearest = Subject::NearestPicture(NearestPicture::read(&dataset, |_| (), nobody).unwrap());
+    let mean = Predictor::MeanShape(MeanShapes::read(&dataset, |_| (), nobody).unwrap());
+    let nearest = Predictor::NearestPicture(NearestPicture::read(&dataset, |_| (), nobody).unwrap());
     let extraction = dvr_render::extract::ExtractSettings { resolution: 32, ..Default::default() };
     for object in test {
         let truth = dataset.read_ground_truth(object).unwrap();
-        let input = judged_input(&dataset, object, 0).unwrap();
-        for subject in [&mean, &nearest] {
-            let shape = subject.shape(&dataset, object, input, &extraction).unwrap();
+        let input = evaluated_input(&dataset, object, 0).unwrap();
+        for predictor in [&mean, &nearest] {
+            let shape = predictor.shape(&dataset, object, input, &extraction).unwrap();
             let score = shape.evaluate(&truth, 0).unwrap();
             // The objects are alike, but no training object is the same.
             let (iou, chamfer) = (score.volume_iou.unwrap(), score.surface.unwrap().chamfer_l1);

@@ -16,7 +16,7 @@ use super::config::ObjectsConfig;
 use super::draw::{BatchDrawer, ObjectsBatch, RayGradient};
 use super::loader::Loader;
 use super::model::{image_tensor, rows_tensor};
-use super::validate::{Judge, judge, read_judges};
+use super::validate::{ValidationView, read_validation_views, validate};
 use crate::error::{Error, Result};
 use crate::learners::adam::adam;
 use crate::learners::batch::PixelBatch;
@@ -36,10 +36,10 @@ pub struct ObjectsTrainer {
     drawer: Arc<BatchDrawer>,
     /// Started by the first step, so that a resumed run draws no batch in vain.
     loader: Option<Loader>,
-    judges: Vec<Judge>,
-    broken_judges: BTreeMap<usize, String>,
-    /// The broken objects that have been told of.
-    told: BTreeSet<usize>,
+    validation_views: Vec<ValidationView>,
+    broken_validation: BTreeMap<usize, String>,
+    /// The broken objects that have been reported.
+    reported: BTreeSet<usize>,
     model: ImageModel,
     optimizer: ModuleOptimizer,
     step: usize,
@@ -55,9 +55,9 @@ impl ObjectsTrainer {
         device.seed(config.train.seed);
         let model = config.image_model().init(&device.clone().autodiff());
         let drawer = Arc::new(BatchDrawer::new(dataset.clone(), config.clone())?);
-        let mut broken_judges = BTreeMap::new();
-        let judges = read_judges(&dataset, &config, |object, problem| {
-            broken_judges.insert(object, problem);
+        let mut broken_validation = BTreeMap::new();
+        let validation_views = read_validation_views(&dataset, &config, |object, problem| {
+            broken_validation.insert(object, problem);
         });
         Ok(Self {
             config,
@@ -65,9 +65,9 @@ impl ObjectsTrainer {
             devices: DataParallel::one(device),
             drawer,
             loader: None,
-            judges,
-            broken_judges,
-            told: BTreeSet::new(),
+            validation_views,
+            broken_validation,
+            reported: BTreeSet::new(),
             model,
             optimizer: adam(),
             step: 0,
@@ -111,7 +111,7 @@ impl ObjectsTrainer {
 
     fn all_broken(&self) -> BTreeMap<usize, String> {
         let mut broken = self.drawer.broken();
-        broken.extend(self.broken_judges.clone());
+        broken.extend(self.broken_validation.clone());
         broken
     }
 
@@ -199,7 +199,7 @@ impl Learner for ObjectsTrainer {
     }
 
     fn validate(&self, pixels: usize) -> Option<ViewMetrics> {
-        judge(&self.model.valid(), &self.judges, pixels, self.devices.first())
+        validate(&self.model.valid(), &self.validation_views, pixels, self.devices.first())
     }
 
     fn model(&self) -> Result<Vec<u8>> {
@@ -220,7 +220,7 @@ impl Learner for ObjectsTrainer {
     /// Each broken object, once.
     fn notes(&mut self) -> Vec<String> {
         let broken = self.all_broken();
-        let new: Vec<_> = broken.into_iter().filter(|(object, _)| self.told.insert(*object)).collect();
+        let new: Vec<_> = broken.into_iter().filter(|(object, _)| self.reported.insert(*object)).collect();
         new.into_iter().map(|(object, problem)| format!("{} is left out: {problem}", self.title(object))).collect()
     }
 }

@@ -16,43 +16,43 @@ use dvr_render::{ViewMetrics, view_metrics};
 /// Samples across the cube where a field is looked at.
 const SAMPLES: usize = 48;
 
-/// An object that judges: what the encoder sees of it, and how it looks from another side.
+/// A validation view: what the encoder sees of an object, and how the object looks from another side.
 #[derive(Clone, Debug)]
-pub(crate) struct Judge {
+pub(crate) struct ValidationView {
     /// Place among the training objects, for encoders that know objects by it.
     row: i64,
     input: Option<RgbImage>,
     view: View,
 }
 
-/// Reads the judges: objects of the validation split, spread evenly over it, or training objects where the encoder
-/// knows no others. An object that cannot be read judges nothing; `problem` hears why.
-pub(crate) fn read_judges(
+/// Reads the validation views: of objects of the validation split, spread evenly over it, or training objects where the encoder
+/// knows no others. An object that cannot be read is left out; `problem` hears why.
+pub(crate) fn read_validation_views(
     dataset: &ObjectDataset,
     config: &ObjectsConfig,
     mut problem: impl FnMut(usize, String),
-) -> Vec<Judge> {
+) -> Vec<ValidationView> {
     let size = config.encoder.image_size();
     let objects = dataset.of_split(if size.is_some() { Split::Val } else { Split::Train });
     let count = config.validate_objects.min(objects.len());
-    let mut judges = Vec::with_capacity(count);
+    let mut all = Vec::with_capacity(count);
     for i in 0..count {
         let row = i * objects.len() / count;
-        match read_judge(dataset, objects[row], row, size, config.train.seed) {
-            Ok(judge) => judges.push(judge),
+        match read_validation_view(dataset, objects[row], row, size, config.train.seed) {
+            Ok(view) => all.push(view),
             Err(error) => problem(objects[row], error.to_string()),
         }
     }
-    judges
+    all
 }
 
-fn read_judge(
+fn read_validation_view(
     dataset: &ObjectDataset,
     object: usize,
     row: usize,
     size: Option<usize>,
     seed: u64,
-) -> dvr_core::Result<Judge> {
+) -> dvr_core::Result<ValidationView> {
     let name = &dataset.objects()[object];
     let hash = stable_hash(seed, &[&name.category, &name.name]);
     let (inputs, views) = (dataset.inputs(object)? as u64, dataset.views(object)? as u64);
@@ -60,18 +60,23 @@ fn read_judge(
     // Half the views further: where input and view are the same pictures, the one looks at the other's back.
     let view = (input + views / 2) % views;
     let input = size.map(|size| dataset.read_input(object, input as usize, size as u32)).transpose()?;
-    Ok(Judge { row: row as i64, input, view: dataset.read_view(object, view as usize)? })
+    Ok(ValidationView { row: row as i64, input, view: dataset.read_view(object, view as usize)? })
 }
 
-/// The mean view_metrics of a model, without gradient tracking, with all judges, on about so many pixels.
-pub(crate) fn judge(model: &ImageModel, judges: &[Judge], pixels: usize, device: &Device) -> Option<ViewMetrics> {
-    let of_each: Vec<ViewMetrics> = judges
+/// The mean metrics of a model, without gradient tracking, on all validation views, on about so many pixels.
+pub(crate) fn validate(
+    model: &ImageModel,
+    all: &[ValidationView],
+    pixels: usize,
+    device: &Device,
+) -> Option<ViewMetrics> {
+    let of_each: Vec<ViewMetrics> = all
         .iter()
-        .filter_map(|judge| {
-            let images = image_tensor(&judge.input.iter().collect::<Vec<_>>(), device);
-            let field = model.field(model.codes(images, rows_tensor(&[judge.row], device)));
+        .filter_map(|one| {
+            let images = image_tensor(&one.input.iter().collect::<Vec<_>>(), device);
+            let field = model.field(model.codes(images, rows_tensor(&[one.row], device)));
             let shader = FieldShader::new(&field, render_settings(SAMPLES), None);
-            view_metrics(&shader, &[&judge.view], pixels / judges.len())
+            view_metrics(&shader, &[&one.view], pixels / all.len())
         })
         .collect();
     let mean = |part: fn(&ViewMetrics) -> f64| of_each.iter().map(part).sum::<f64>() / of_each.len() as f64;

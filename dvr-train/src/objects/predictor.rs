@@ -19,7 +19,7 @@ use crate::evaluate::{ShapeEvaluation, evaluate_points};
 use crate::export::mesh::{ColorSource, MeshOptions, object_mesh};
 
 /// What makes shapes.
-pub enum Subject {
+pub enum Predictor {
     /// A trained model.
     Model(Box<ObjectModel>),
     /// The mean training shape of the object's category, whatever the picture: what can be had without looking.
@@ -30,17 +30,17 @@ pub enum Subject {
 
 /// A shape in object space.
 pub enum Shape {
-    /// A surface; empty where the subject sees none.
+    /// A surface; empty where the predictor sees none.
     Mesh(Mesh),
     /// Another object, as its dataset describes it.
     Samples(GroundTruth),
 }
 
-impl Subject {
+impl Predictor {
     /// The shape of an object, made of its picture number `input`.
     ///
     /// # Errors
-    /// Where the object's files are missing or damaged, or it has no place in what the subject knows.
+    /// Where the object's files are missing or damaged, or it has no place in what the predictor knows.
     pub fn shape(
         &self,
         dataset: &ObjectDataset,
@@ -71,11 +71,11 @@ impl Subject {
     }
 }
 
-/// The picture by which an object is judged: chosen by a hash, the same for every subject.
+/// The picture by which an object is measured: chosen by a hash, the same for every predictor.
 ///
 /// # Errors
 /// Where the object has no pictures.
-pub fn judged_input(dataset: &ObjectDataset, object: usize, seed: u64) -> Result<usize> {
+pub fn evaluated_input(dataset: &ObjectDataset, object: usize, seed: u64) -> Result<usize> {
     let name = &dataset.objects()[object];
     let inputs = dataset.inputs(object)? as u64;
     Ok((stable_hash(seed, &[&name.category, &name.name]) % inputs) as usize)
