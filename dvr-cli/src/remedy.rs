@@ -61,58 +61,72 @@ const DIVERGED: &str = "The last checkpoint is kept. Train again with a smaller 
 
 /// Training, run folders and evaluation.
 fn of_train(error: &TrainError) -> Option<String> {
-    use TrainError as Error;
-    let sentence = match error {
-        Error::Scene(error) => return of_core(error),
-        Error::Grid(error) => return of_grid(error),
+    let text = match error {
+        TrainError::Scene(error) => return of_core(error),
+        TrainError::Grid(error) => return of_grid(error),
         #[cfg(feature = "gpu")]
-        Error::Device(error) => return of_device(error),
-        Error::OutOfRange { key, .. } => return Some(format!("Give another value with --set {key}=VALUE.")),
-        Error::StepMemory { rays: Some(rays), .. } => return Some(fitting_rays(*rays)),
-        Error::Codes(error) => return Some(of_codes(error).into()),
-        Error::UnknownKey { .. } => "--print-config prints all keys with their values.",
-        Error::NeedsDepth { .. } => "Use --supervision rgb.",
-        Error::NeedsSparsePoints { .. } => "Leave it out with --set losses.sparse_depth=0.",
-        Error::NeedsObjects { .. } => "Give a dataset of many objects, or use --method grid or network.",
-        Error::OneDevice { .. } => "Give a single device, or use --method network or classic.",
-        Error::OneScene => "Train on a dataset of many objects first.",
-        Error::ChooseObject { .. } | Error::NoSuchObject { .. } => "Choose one with --object N, counted from 0.",
-        Error::NoCodes => "Leave --object away.",
-        Error::NeedsPicture => "Use `dvr predict RUN IMAGE`, or `dvr eval RUN --data DATASET`.",
-        Error::TakesNoPictures => "`dvr mesh RUN --object N` shows its objects.",
-        Error::NotATrainingObject => "Evaluate it with --split train.",
-        Error::BrokenObjects { .. } => "Look at one of the objects with `dvr info`.",
-        Error::NothingToCompare { .. } => "Name training objects in train.lst. `dvr synth` writes points.npz.",
-        Error::FolderInUse { .. } => "Continue it with --resume, replace it with --overwrite, or give another folder.",
-        Error::NotACheckpoint { .. } => "Give the folder of a run that `dvr train` wrote, or one of its checkpoints.",
-        Error::CheckpointVersion { .. } => "Train again with this version, or use the version that wrote it.",
-        Error::Diverged { .. } => DIVERGED,
-        Error::NoNetwork => "`dvr train --method network` makes one.",
-        Error::StepMemory { rays: None, .. } => {
-            "Allow more with --memory, use a smaller network with --set model.hidden=N, or use --backend cpu."
+        TrainError::Device(error) => return of_device(error),
+        TrainError::Codes(error) => return of_codes(error),
+        TrainError::StepMemory { rays, .. } => return Some(less_memory(*rays)),
+        TrainError::OutOfRange { key, .. } => return Some(format!("Give another value with --set {key}=VALUE.")),
+        TrainError::UnknownKey { .. } | TrainError::BadConfig { .. } => {
+            "`dvr train --print-config` prints all keys with their values."
         }
-        Error::HeldMemory { .. } => {
-            "Everything is saved: `dvr train --resume` continues with a larger --memory, or with --backend cpu."
+        TrainError::SceneOccupancy => "Use --supervision rgb, depth or rgb+depth.",
+        TrainError::NeedsObjects { .. } => "Use --method grid, network, classic or hull.",
+        TrainError::NeedsScene { .. } => {
+            "Use --method objects or objects-classic; --method network and others take one scene."
+        }
+        TrainError::OneDevice { .. } => "Give one device to --devices, or use --method network or classic.",
+        TrainError::NeedsDepth { .. } => "Use --supervision rgb.",
+        TrainError::NeedsSparsePoints { .. } => "Use --set losses.sparse_depth=0.",
+        TrainError::ChooseObject { .. } | TrainError::NoSuchObject { .. } => "--object N chooses an object.",
+        TrainError::NoCodes => "Leave --object out.",
+        TrainError::NeedsPicture => "Use `dvr predict RUN IMAGE --out DIR`.",
+        TrainError::OneScene => "Use `dvr mesh RUN`.",
+        TrainError::TakesNoPictures => "`dvr mesh RUN --object N` extracts the mesh of an object.",
+        TrainError::NotATrainingObject => "Evaluate it with --split train.",
+        TrainError::BrokenObjects { .. } => "`dvr info` checks an object of a dataset like a scene.",
+        TrainError::NothingToCompare { .. } => "`dvr synth` renders datasets with all that baselines need.",
+        TrainError::UnknownCategory { .. } => "Name other categories with --categories.",
+        TrainError::FolderInUse { .. } => {
+            "Continue the run with --resume, replace it with --overwrite, or choose another folder with --out."
+        }
+        TrainError::NotACheckpoint { .. } => {
+            "Give the folder of a run that `dvr train` wrote, or one of its checkpoints."
+        }
+        TrainError::CheckpointVersion { .. } => "Train again with this version of dvr.",
+        TrainError::NoNetwork => "`dvr train --method network` makes a run with a network.",
+        TrainError::Diverged { .. } => DIVERGED,
+        TrainError::HeldMemory { .. } => {
+            "Everything is saved. `dvr train --resume` continues with a larger --memory, or with --backend cpu."
         }
         _ => return None,
     };
-    Some(sentence.into())
+    Some(text.into())
 }
 
-/// For a step that is too large for a GPU's memory.
-fn fitting_rays(rays: usize) -> String {
-    format!(
-        "--set rays={rays} fits, with --set hull.warm_start_points={rays} where a network starts from the hull. Or allow \
-         more with --memory."
-    )
-}
-
-/// Codes beside an imported network.
-fn of_codes(error: &CodesError) -> &'static str {
+/// Codes beside an imported decoder.
+fn of_codes(error: &CodesError) -> Option<String> {
     match error {
-        CodesError::HasEncoder | CodesError::NotTaken => "Leave --codes away.",
+        CodesError::HasEncoder | CodesError::NotTaken => Some("Leave --codes out.".into()),
         CodesError::Missing { .. } | CodesError::Empty | CodesError::Length { .. } => {
-            "Give the objects' codes with --codes FILE.npz."
+            Some("Give the codes with --codes FILE.npz.".into())
+        }
+    }
+}
+
+/// A step that takes too much GPU memory; `rays` is the most rays of a step that fits.
+fn less_memory(rays: Option<usize>) -> String {
+    match rays {
+        Some(rays) => format!(
+            "--set rays={rays} fits; networks of one scene also need --set hull.warm_start_points={rays} or less. Or allow \
+             more with --memory."
+        ),
+        None => {
+            "No number of rays fits. Allow more with --memory, take a smaller network with --set model.hidden=N, or \
+                 use --backend cpu."
+                .into()
         }
     }
 }
