@@ -3,7 +3,6 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use dvr_core::dataset::{ReadOptions, read_scene};
 use dvr_core::files::{read_depth_exr, read_mask, read_rgb};
 use dvr_core::mesh::{Material, Mesh, TexturedMesh, read_mesh, shapes, write_mesh};
 use dvr_core::npz::NpzFile;
@@ -11,7 +10,7 @@ use dvr_core::synth::{
     CameraPlacement, CorpusObject, DirectionalLight, EdgeColor, Lighting, MeshRenderer, RenderedView, SplitRatios,
     SynthConfig, render_corpus, render_dataset,
 };
-use dvr_core::{Camera, DepthMap, Error};
+use dvr_core::{Camera, DepthMap, Error, Scene};
 use glam::{DMat3, DMat4, DVec2, DVec3, DVec4, Vec2, Vec3};
 
 fn textured(mesh: Mesh) -> TexturedMesh {
@@ -237,7 +236,7 @@ fn the_reader_finds_what_was_rendered() {
     ball.vertices.iter_mut().for_each(|v| v.x += 100.0);
     let out = tempfile::tempdir().unwrap();
     render_dataset(&textured(ball), "ball", "things", out.path(), &small(), &quiet).unwrap();
-    let scene = read_scene(&out.path().join("things/ball"), &ReadOptions::default()).unwrap();
+    let scene = Scene::read(out.path().join("things/ball")).unwrap();
     assert_eq!((scene.views.len(), scene.format), (3, "DVR"));
     assert!((scene.object_to_world.scale - 10.0 / 0.9).abs() < 1e-5);
     assert!((scene.object_to_world.translation - DVec3::X * 100.0).length() < 1e-4);
@@ -261,7 +260,7 @@ fn the_demo_scene_is_small_and_sound() {
     let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../assets/scenes"));
     let size: usize = bytes_below(folder).iter().map(|(_, bytes)| bytes.len()).sum();
     assert!(size < 1_500_000, "{size} bytes");
-    let scene = read_scene(&folder.join("mug/mug"), &ReadOptions::default()).unwrap();
+    let scene = Scene::read(folder.join("mug/mug")).unwrap();
     assert_eq!(scene.warnings, Vec::<String>::new());
     assert_eq!(scene.views.len(), 28);
     let occupancy = scene.ground_truth.occupancy.unwrap();

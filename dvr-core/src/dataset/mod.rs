@@ -14,6 +14,9 @@
 //! A reader turns its files into a list of views with projection matrices, and what is peculiar to its layout (axes,
 //! pixel centres, units) ends there. Reading pixels, finding the object and moving it into the unit cube is the same
 //! for all.
+//!
+//! Masks stay as the files have them, and a view may have none: see [`refine_masks`](crate::refine_masks) and
+//! [`Scene::require_masks`](crate::Scene::require_masks).
 
 mod colmap;
 mod crop;

@@ -138,7 +138,7 @@ pub struct ReadOptions {
     pub visual_hull_depth: bool,
     /// Bytes of decoded photographs and masks that are kept in memory (4 per pixel); what is beyond lies in a scratch
     /// file in the system's temporary folder and is paged in as it is read. Without, everything is in memory. What is
-    /// computed is the same either way. Depth maps stay in memory.
+    /// computed is the same either way. Depth maps stay in memory, and so do refined masks where everything else fits.
     pub max_memory: Option<u64>,
 }
 

@@ -121,8 +121,9 @@ impl dyn Method + '_ {
     /// Checks that the scene has what the method learns from.
     ///
     /// # Errors
-    /// Says what is missing.
+    /// Says what is missing: masks of any view, or what [`Method::needs`] names.
     pub fn check_scene(&self, scene: &Scene) -> Result<()> {
+        scene.require_masks()?;
         let Needs { depth, sparse_points } = self.needs();
         let supervision = self.common().supervision;
         if depth && !scene.views_of(dvr_core::Split::Train).any(|view| view.depth.is_some()) {
