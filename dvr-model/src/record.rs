@@ -246,8 +246,9 @@ mod tests {
 
     #[test]
     fn another_version_is_refused() {
+        let json = serde_json::to_string(&DecoderConfig::new()).unwrap();
         let header = |version: &str| {
-            let entries = [("format", "dvr-decoder"), ("version", version), ("config", "{}")];
+            let entries = [("format", "dvr-decoder"), ("version", version), ("config", json.as_str())];
             entries.map(|(key, value)| (key.to_owned(), value.to_owned())).into()
         };
         let refused = read_header::<DecoderConfig>(&header("7")).unwrap_err();
