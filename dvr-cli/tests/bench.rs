@@ -5,7 +5,7 @@ mod support;
 use support::{Tiny, dvr, refuses, succeeds, text};
 
 #[test]
-fn methods_and_variants_stand_in_one_table_and_are_not_run_twice() {
+fn methods_and_variants_share_a_table_and_are_not_run_twice() {
     let tiny = Tiny::new();
     let out = tiny.path("bench");
     let overlay = tiny.path("theirs.json");

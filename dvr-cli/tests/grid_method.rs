@@ -26,7 +26,7 @@ fn train(tiny: &Tiny, run: &str, more: &[&str]) -> std::process::Output {
 }
 
 #[test]
-fn it_beats_the_hull_and_says_what_it_chose() {
+fn it_beats_the_hull_and_notes_its_resolution() {
     let tiny = Tiny::new();
     succeeds(&train(&tiny, "hull", &["--method", "hull"]));
     let output = train(&tiny, "grid", &["--steps", "150"]);
@@ -91,7 +91,7 @@ fn a_scene_larger_than_the_memory_for_it_gives_the_same_field_and_mesh() {
 }
 
 #[test]
-fn memory_that_is_no_amount_and_a_scratch_folder_that_is_not_there_are_named() {
+fn invalid_memory_limits_and_missing_scratch_folders_are_named() {
     let tiny = Tiny::new();
     refuses(&train(&tiny, "x", &["--memory", "much"]), &["much", "500M or 2G"]);
     let scene = tiny.scene();
@@ -104,7 +104,7 @@ fn memory_that_is_no_amount_and_a_scratch_folder_that_is_not_there_are_named() {
 }
 
 #[test]
-fn bytes_are_kept_under_a_limit() {
+fn the_stored_field_stays_below_a_limit() {
     let tiny = Tiny::new();
     succeeds(&train(&tiny, "small", &["--steps", "40", "--max-bytes", "9k"]));
     let bytes = metrics(&tiny, "small")["bytes"].as_u64().unwrap();
@@ -115,7 +115,7 @@ fn bytes_are_kept_under_a_limit() {
 }
 
 #[test]
-fn depth_maps_teach_it_too() {
+fn depth_maps_supervise_it_too() {
     let tiny = Tiny::new();
     succeeds(&train(&tiny, "depth", &["--steps", "100", "--supervision", "depth", "--capacity", "64"]));
     let iou = metrics(&tiny, "depth")["shape"]["volume_iou"].as_f64().unwrap();

@@ -1,4 +1,4 @@
-//! The report: made by every run, told side by side, and alive in a browser.
+//! The report: written by every run, of several runs side by side, working in a browser.
 
 mod support;
 
@@ -22,7 +22,7 @@ fn train(tiny: &Tiny, run: &str, more: &[&str]) {
 }
 
 #[test]
-fn a_run_leaves_a_page_that_needs_nothing_else() {
+fn a_run_writes_a_self_contained_page() {
     let tiny = Tiny::new();
     train(&tiny, "run", &["--seed", "5"]);
     let page = tiny.path("run/report.html");
@@ -59,7 +59,7 @@ fn a_run_leaves_a_page_that_needs_nothing_else() {
 }
 
 #[test]
-fn a_run_that_wants_no_page_gets_none() {
+fn no_report_writes_no_page() {
     let tiny = Tiny::new();
     train(&tiny, "run", &["--no-report"]);
     assert!(tiny.path("run/mesh.ply").is_file() && !tiny.path("run/report.html").exists());
@@ -116,7 +116,7 @@ addEventListener("load", async () => {
 </script>"#;
 
 #[test]
-fn two_runs_side_by_side_live_in_a_browser() {
+fn two_runs_side_by_side_work_in_a_browser() {
     let tiny = Tiny::new();
     train(&tiny, "a", &[]);
     train(&tiny, "b", &["--seed", "1"]);

@@ -2,13 +2,14 @@
 //!
 //! What a machine may lack is found through `dvr-test-support`, which says when tests are skipped.
 
+mod bound_decoder;
 mod field_suite;
 mod pytorch_file;
 
 use std::sync::{Mutex, PoisonError};
 
 use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
-use burn::tensor::{DType, Device, FloatDType, Tensor, TensorData};
+use burn::tensor::{DType, Device, FloatDType, Int, Tensor, TensorData};
 use dvr_core::Scene;
 use dvr_core::dataset::{ReadOptions, read_scene};
 use dvr_core::mesh::{Mesh, TexturedMesh};
@@ -16,6 +17,7 @@ use dvr_core::npz::NpzFile;
 use dvr_core::synth::{SynthConfig, render_dataset};
 use dvr_model::{Decoder, DecoderConfig};
 
+pub use bound_decoder::BoundDecoder;
 pub use dvr_test_support::{browser, fixture, largest, max_difference, relative_difference, scene};
 pub use field_suite::check_field;
 pub use pytorch_file::{Entry, write_pytorch};
@@ -112,6 +114,17 @@ pub fn tensor3(points: &[[f64; 3]], device: &Device) -> Tensor<2> {
 /// `[n]` numbers on a device.
 pub fn tensor1(values: &[f64], device: &Device) -> Tensor<1> {
     Tensor::from_data(TensorData::new(values.to_vec(), [values.len()]), device)
+}
+
+/// A matrix of `width` columns on a device.
+pub fn rows(values: &[f64], width: usize, device: &Device) -> Tensor<2> {
+    Tensor::from_data(TensorData::new(values.to_vec(), [values.len() / width, width]), device)
+}
+
+/// Object index of each of `n` points in `batch` equal groups.
+pub fn groups(n: usize, batch: usize, device: &Device) -> Tensor<1, Int> {
+    let index: Vec<i64> = (0..n).map(|i| (i / (n / batch)) as i64).collect();
+    Tensor::from_data(TensorData::new(index, [n]), device)
 }
 
 /// A tensor's numbers.

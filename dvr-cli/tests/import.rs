@@ -67,7 +67,7 @@ fn with_encoder(mut layers: Vec<Layer>) -> Vec<Layer> {
     layers
 }
 
-/// Writes a checkpoint as the original does.
+/// Writes a checkpoint as the reference code does.
 fn checkpoint(tiny: &Tiny, name: &str, layers: Vec<Layer>) -> PathBuf {
     let path = tiny.path(name);
     let model = Entry::tensors(layers.into_iter().flatten());
@@ -113,7 +113,7 @@ fn a_network_of_one_scene_is_meshed_rendered_and_exported_without_the_scene() {
 }
 
 #[test]
-fn an_imported_network_trains_on_where_its_scene_is_known() {
+fn an_imported_network_is_trained_further_with_its_scene() {
     let tiny = Tiny::new();
     let file = checkpoint(&tiny, "model.pt", octahedron(0));
     let (run, scene, yaml) = (tiny.path("run"), tiny.scene(), tiny.path("configs/tiny.yaml"));
@@ -236,7 +236,7 @@ fn predictions_without_a_usable_picture_fail() {
 }
 
 #[test]
-fn what_is_no_checkpoint_of_the_original_is_named() {
+fn a_file_that_is_not_a_reference_checkpoint_is_named() {
     let tiny = Tiny::new();
     let (file, out) = (tiny.path("x.pt"), tiny.path("run"));
     let import = || dvr(&["import", text(&file), "--out", text(&out)]);

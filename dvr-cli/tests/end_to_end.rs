@@ -1,9 +1,10 @@
-//! The commands one after the other, as a user would give them, on a scene that takes seconds.
+//! End to end: the commands one after the other, as a user gives them, on a scene that takes seconds.
 
 mod support;
 
 use std::collections::{BTreeMap, HashMap};
 use std::io::Read;
+use std::path::Path;
 use std::process::{Command, Stdio};
 
 use dvr_core::mesh::read_mesh;
@@ -20,24 +21,32 @@ fn a_scene_becomes_a_watertight_mesh_with_preview_figures_renders_and_export() {
 
     let out = succeeds(&tiny.train("run", &["--seed", "3"]));
     assert!(out.contains("Chamfer-L1") && out.contains("volume IoU"), "{out}");
+    has_its_files(&tiny.path("run"));
+    has_closed_meshes(&tiny.path("run"));
+    is_evaluated(&tiny);
+    is_rendered(&tiny);
+
     let run = tiny.path("run");
-    for file in [
-        "last.ckpt",
-        "best.ckpt",
-        "config.json",
-        "metrics.csv",
-        "metrics.json",
-        "mesh.ply",
-        "mesh.glb",
-        "preview.png",
-        "report.html",
-    ] {
+    let obj = tiny.path("again.obj");
+    succeeds(&dvr(&["mesh", text(&run), "--out", text(&obj), "--resolution", "24"]));
+    assert!(!read_mesh(&obj).unwrap().mesh.is_empty());
+    let exported = tiny.path("net.safetensors");
+    succeeds(&dvr(&["export", text(&run), "--out", text(&exported)]));
+    assert!(exported.is_file());
+}
+
+fn has_its_files(run: &Path) {
+    let checkpoints = ["last.ckpt", "best.ckpt"];
+    let results = ["config.json", "metrics.csv", "metrics.json", "mesh.ply", "mesh.glb", "preview.png", "report.html"];
+    for file in checkpoints.iter().chain(&results) {
         assert!(run.join(file).is_file(), "{file}");
     }
     let metrics = std::fs::read_to_string(run.join("metrics.json")).unwrap();
     assert!(metrics.contains("\"chamfer_l1\"") && metrics.contains("\"held_out\""));
     assert!(std::fs::read_to_string(run.join("metrics.csv")).unwrap().lines().count() >= 4);
+}
 
+fn has_closed_meshes(run: &Path) {
     for file in ["mesh.ply", "mesh.glb"] {
         let mesh = read_mesh(run.join(file)).unwrap().mesh;
         assert!(mesh.colors.is_some(), "{file} has vertex colours");
@@ -53,49 +62,27 @@ fn a_scene_becomes_a_watertight_mesh_with_preview_figures_renders_and_export() {
     // The torus spans 2.9 of its own units: the mesh is in the scene's coordinates, not in the unit cube.
     let (low, high) = read_mesh(run.join("mesh.ply")).unwrap().mesh.bounds().unwrap();
     assert!(((high - low).max_element() - 2.9).abs() < 0.4, "{low} {high}");
+}
 
-    let table = succeeds(&dvr(&[
-        "eval",
-        text(&run),
-        "--resolution",
-        "32",
-        "--samples",
-        "32",
-        "--json",
-        text(&tiny.path("eval.json")),
-    ]));
+fn is_evaluated(tiny: &Tiny) {
+    let (run, json) = (tiny.path("run"), tiny.path("eval.json"));
+    let eval = ["eval", text(&run), "--resolution", "32", "--samples", "32", "--json", text(&json)];
+    let table = succeeds(&dvr(&eval));
     assert!(table.contains("PSNR dB") && table.contains("floor"), "{table}");
-    assert!(tiny.path("eval.json").is_file());
+    assert!(json.is_file());
     let table = succeeds(&dvr(&["eval", text(&run.join("mesh.ply")), "--data", text(&tiny.scene())]));
     assert!(table.contains("Chamfer-L1"), "{table}");
+}
 
-    let frames = tiny.path("frames");
-    succeeds(&dvr(&[
-        "render",
-        text(&run),
-        "--out",
-        text(&frames),
-        "--frames",
-        "3",
-        "--size",
-        "24",
-        "--samples",
-        "16",
-        "--exr",
-        "--normals",
-    ]));
+fn is_rendered(tiny: &Tiny) {
+    let (run, frames) = (tiny.path("run"), tiny.path("frames"));
+    let render = ["render", text(&run), "--out", text(&frames), "--samples", "16"];
+    succeeds(&dvr(&[&render[..], &["--frames", "3", "--size", "24", "--exr", "--normals"]].concat()));
     for file in ["orbit_0002.png", "orbit_0002.exr", "orbit_0002_depth.exr", "orbit_0002_normal.png", "turntable.gif"] {
         assert!(frames.join(file).is_file(), "{file}");
     }
-    succeeds(&dvr(&["render", text(&run), "--out", text(&frames), "--cameras", "dataset", "--samples", "16"]));
+    succeeds(&dvr(&[&render[..], &["--cameras", "dataset"]].concat()));
     assert!(frames.join("0011.png").is_file());
-
-    let obj = tiny.path("again.obj");
-    succeeds(&dvr(&["mesh", text(&run), "--out", text(&obj), "--resolution", "24"]));
-    assert!(!read_mesh(&obj).unwrap().mesh.is_empty());
-    let exported = tiny.path("net.safetensors");
-    succeeds(&dvr(&["export", text(&run), "--out", text(&exported)]));
-    assert!(exported.is_file());
 }
 
 #[test]
