@@ -95,6 +95,7 @@ fn of_train(error: &TrainError) -> Option<String> {
         TrainError::NotACheckpoint { .. } => {
             "Give the folder of a run that `dvr train` wrote, or one of its checkpoints."
         }
+        TrainError::OtherMeasurement { .. } => "Write to another folder with --out, or delete the file.",
         TrainError::CheckpointVersion { .. } => "Train again with this version of dvr.",
         TrainError::NoNetwork => "`dvr train --method network` makes a run with a network.",
         TrainError::Diverged { .. } => DIVERGED,

@@ -198,6 +198,14 @@ pub enum Error {
         /// What was found.
         problem: String,
     },
+    /// A file of results holds another measurement.
+    #[error("{}: it holds another measurement ({difference})", path.display())]
+    OtherMeasurement {
+        /// The file.
+        path: PathBuf,
+        /// Settings that differ, with their values in the file.
+        difference: String,
+    },
     /// What a checkpoint holds cannot be used.
     #[error("{what} of the checkpoint cannot be used: {problem}")]
     Damaged {

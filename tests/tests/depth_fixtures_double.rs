@@ -263,7 +263,7 @@ fn the_analytic_gradient_equals_the_reference_for_parameters_and_codes() {
 }
 
 /// Compares the gradients of all parameters.
-fn compare_parameters(case: &mut Case, decoder: &Decoder, gradients: &burn, context: &str) {
+fn compare_parameters(case: &mut Case, decoder: &Decoder, gradients: &burn::tensor::Gradients, context: &str) {
     let mut visitor = Gradients { of: gradients, path: Vec::new(), found: Vec::new() };
     decoder.visit(&mut visitor);
     assert!(visitor.found.len() > 20);

@@ -1,6 +1,6 @@
 //! Decoder and losses against arrays of DVR's reference code, in single precision.
 
-use burn::tensor::{Device, Int, Tensor, TensorData};
+use burn::tensor::{Device, Tensor, TensorData};
 use dvr_render::{Field, Query};
 use dvr_tests::*;
 use dvr_train::losses;

@@ -81,8 +81,8 @@ impl Results {
         if path.exists() {
             let (earlier, found) = read_results(path)?;
             if earlier != measurement {
-                let problem = format!("it holds another measurement ({})", difference(&earlier, &measurement));
-                return Err(refuse(path, problem));
+                let difference = difference(&earlier, &measurement);
+                return Err(Error::OtherMeasurement { path: path.to_owned(), difference });
             }
             scores = found;
             // As it is, but for what was cut short.
@@ -198,7 +198,7 @@ mod tests {
         Results::open(&path, measurement()).unwrap();
         let other = Measurement { resolution: 128, ..measurement() };
         let message = Results::open(&path, other).err().unwrap().to_string();
-        assert!(message.contains("resolution 64") && message.contains("--out"), "{message}");
+        assert!(message.contains("resolution 64"), "{message}");
         std::fs::write(&path, "{\"no\": \"measurement\"}\n").unwrap();
         assert!(Results::open(&path, measurement()).err().unwrap().to_string().contains("line 1"));
     }
