@@ -46,6 +46,18 @@ impl Bilinear {
         })
     }
 
+    /// The same in single precision, for inner loops.
+    #[inline]
+    pub fn at_single(pixel: Vec2, (width, height): (u32, u32)) -> Option<Self> {
+        let (x, y) = (pixel.x - 0.5, pixel.y - 0.5);
+        let is_inside = x >= 0.0 && y >= 0.0 && x < width as f32 - 1.0 && y < height as f32 - 1.0;
+        is_inside.then(|| {
+            let (u, v) = (x as u32, y as u32);
+            let pixels = [(u, v), (u + 1, v), (u, v + 1), (u + 1, v + 1)];
+            Self { pixels, fraction: [x.fract(), y.fract()] }
+        })
+    }
+
     /// The place at pixel coordinates in a picture that repeats in both directions.
     pub fn repeating(pixel: Vec2, (width, height): (u32, u32)) -> Self {
         let corner = pixel - 0.5;
@@ -110,6 +122,7 @@ mod tests {
     fn there_is_no_place_beyond_the_outermost_centres() {
         for (x, y) in [(0.4, 2.0), (2.0, 0.4), (6.5, 2.0), (2.0, 3.5), (f64::NAN, 2.0), (f64::INFINITY, 2.0)] {
             assert_eq!(Bilinear::at(DVec2::new(x, y), (7, 4)), None, "{x} {y}");
+            assert_eq!(Bilinear::at_single(DVec2::new(x, y).as_vec2(), (7, 4)), None, "{x} {y}");
         }
         assert_eq!(Bilinear::at(DVec2::splat(0.5), (1, 1)), None);
         assert_eq!(Bilinear::at(DVec2::splat(0.5), (0, 0)), None);

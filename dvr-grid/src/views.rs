@@ -1,6 +1,6 @@
 //! Photographs as the trainer reads them: projections in f32, neighbours, and the pixels where they are.
 
-use dvr_core::{Mask, View};
+use dvr_core::{Bilinear, Mask, View};
 use glam::{Mat3, Vec2, Vec3};
 
 /// One training view. Its pixels are the scene's own.
@@ -176,22 +176,15 @@ impl<'a> TrainingView<'a> {
         if z <= 0.0 {
             return None;
         }
-        let (x, y) = (pixel.x - 0.5, pixel.y - 0.5);
-        if !(x >= 0.0 && y >= 0.0 && x < (self.width - 1) as f32 && y < (self.height - 1) as f32) {
+        let at = Bilinear::at_single(pixel, (self.width, self.height))?;
+        if !at.pixels.iter().all(|&(u, v)| self.is_object(u, v)) {
             return None;
         }
-        let (u, v) = (x as u32, y as u32);
-        let quad = [(u, v), (u + 1, v), (u, v + 1), (u + 1, v + 1)];
-        if !quad.iter().all(|&(u, v)| self.is_object(u, v)) {
-            return None;
-        }
-        let [a, b, c, d] = quad.map(|(u, v)| color(self.colors[(v * self.width + u) as usize]));
-        let (s, t) = (x.fract(), y.fract());
-        let (top, bottom) = (a + (b - a) * s, c + (d - c) * s);
-        let (by_x, by_y) = ((b - a) + ((d - c) - (b - a)) * t, bottom - top);
+        let colors = at.pixels.map(|(u, v)| color(self.colors[(v * self.width + u) as usize]));
+        let [by_x, by_y] = at.derivatives(colors);
         let moved = self.projection * direction;
         let flow = (Vec2::new(moved.x, moved.y) - pixel * moved.z) / z;
-        Some(Reprojection { color: top + (bottom - top) * t, derivative: by_x * flow.x + by_y * flow.y })
+        Some(Reprojection { color: at.value(colors), derivative: by_x * flow.x + by_y * flow.y })
     }
 }
 

@@ -113,6 +113,8 @@ pub(crate) mod gpu {
         pub origin: Point,
         pub direction: Point,
         pub color: Point,
+        /// Whether it shows the object.
+        pub object: bool,
         /// Measured z-depth, `FAR` without.
         pub z_depth: f32,
     }

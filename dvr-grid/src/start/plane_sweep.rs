@@ -7,6 +7,7 @@
 //! no other does, what lies before it is empty. Nodes of a coarse grid that several views say this of are carved
 //! away; training finds the surface from there.
 
+use dvr_core::Bilinear;
 use dvr_core::voxel::VoxelGrid;
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
@@ -107,18 +108,11 @@ impl Shrunk {
 
     /// Interpolated colour at a place in the photograph's own pixels; no numbers at the outline and beyond.
     fn sample(&self, pixel: Vec2) -> Vec3 {
-        let at = pixel / self.factor as f32 - 0.5;
-        if !(at.x >= 0.0 && at.y >= 0.0 && at.x < self.width as f32 - 1.0 && at.y < self.height as f32 - 1.0) {
-            return Vec3::NAN;
+        let size = (self.width as u32, self.height as u32);
+        match Bilinear::at_single(pixel / self.factor as f32, size) {
+            Some(at) => at.value(at.pixels.map(|(x, y)| self.colors[y as usize * self.width + x as usize])),
+            None => Vec3::NAN,
         }
-        let (x, y) = (at.x as usize, at.y as usize);
-        let (s, t) = (at.x.fract(), at.y.fract());
-        let row = |y: usize| {
-            let i = y * self.width + x;
-            self.colors[i] + s * (self.colors[i + 1] - self.colors[i])
-        };
-        let (top, bottom) = (row(y), row(y + 1));
-        top + t * (bottom - top)
     }
 
     /// Colours around a pixel; `None` where not all of it is object.

@@ -60,25 +60,11 @@ pub(crate) fn follow(
             records[at + number] = 0.0f32;
         }
         let pick = (args.first as usize + ray) * (2 + args.compared as usize);
-        let view = photo(views, picks[pick]);
-        let index = picks[pick + 1];
-        let (u, v) = (index % view.width, index / view.width);
-        let place = view.index(u, v);
-        let shown = pixels[place];
-        let (origin, direction) = (view.center(views), view.direction(views, u, v));
         // Without the loss there are no depth maps.
-        let z_depth = if weights.depth.weight > 0.0f32 { z_depths[place] } else { f32::new(FAR) };
-        let pixel = PixelRay {
-            view,
-            u,
-            v,
-            origin: origin.copied(),
-            direction: direction.copied(),
-            color: color(shown),
-            z_depth,
-        };
-        let hit = first_crossing(values, occupied, &region, &origin, &direction, 0.0f32, f32::new(FAR));
-        let (shows, hits) = (is_object(shown), hit >= 0.0f32);
+        let has_depth = weights.depth.weight > 0.0f32;
+        let pixel = pixel_ray(views, pixels, z_depths, picks[pick], picks[pick + 1], has_depth);
+        let hit = first_crossing(values, occupied, &region, &pixel.origin, &pixel.direction, 0.0f32, f32::new(FAR));
+        let (shows, hits) = (pixel.object, hit >= 0.0f32);
         if shows || hits {
             records[at + UNION] = 1.0f32;
         }
@@ -113,6 +99,21 @@ pub(crate) fn follow(
         }
         most[1].fetch_max(u32::reinterpret(grad_color));
     }
+}
+
+/// A pixel and its ray, by the view and the index in its picture.
+#[cube]
+fn pixel_ray(views: &[u32], pixels: &[u32], z_depths: &[f32], view: u32, index: u32, has_depth: bool) -> PixelRay {
+    let view = photo(views, view);
+    let (u, v) = (index % view.width, index / view.width);
+    let place = view.index(u, v);
+    let shown = pixels[place];
+    let (origin, direction) = (view.center(views), view.direction(views, u, v));
+    let mut z_depth = f32::new(FAR);
+    if has_depth {
+        z_depth = z_depths[place];
+    }
+    PixelRay { view, u, v, origin, direction, color: color(shown), object: is_object(shown), z_depth }
 }
 
 /// An object pixel whose ray hits: colour, the same point in other views, depth.
