@@ -46,7 +46,9 @@ fn view(eye: DVec3) -> View {
             let depth = (-b - root.sqrt()) / a;
             image.put_pixel(u, v, Rgb(paint(ray.at(depth)).map(|c| (255.0 * c).round() as u8)));
             mask.put_pixel(u, v, image::Luma([255]));
-            z_depth[(v * SIZE + u) as usize] = depth as f32;
+            let index = v * SIZE + u;
+            // Depth maps have gaps.
+            z_depth[index as usize] = if index % 7 == 0 { f32::NAN } else { depth as f32 };
         }
     }
     let depth = Some(DepthMap { width: SIZE, height: SIZE, z_depth });

@@ -117,7 +117,7 @@ fn gradients_are_those_of_differences(make: Make) {
                     pairs.push((f64::from(record.grad_value), if is_detached { 0.0 } else { difference }));
                 }
             }
-            let scale = pairs.iter().fold(0.1, |most: f64, (_, difference)| most.max(difference.abs()));
+            let scale = pairs.iter().fold(0.1, |most: f64, (gradient, _)| most.max(gradient.abs()));
             for (gradient, difference) in pairs {
                 // Piecewise linear losses have kinks (a channel's sign, a pixel's border) that differences step over.
                 let tolerance = 0.05 * (gradient.abs() + difference.abs()) + slack * scale;
