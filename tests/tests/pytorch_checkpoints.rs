@@ -204,9 +204,9 @@ fn tensors_that_the_reference_code_does_not_have_are_named() {
         (&|t| t.retain(|(name, ..)| name != "decoder.blocks.1.fc_1.bias"), "blocks.1.fc_1.bias"),
         (&|t| t.push(("decoder.fc_z.weight".into(), vec![1], vec![0.0])), "decoder.fc_z.weight"),
         (&|t| t.retain(|(name, ..)| !name.starts_with("decoder.")), "no decoder"),
-        (&|t| t.retain(|(name, ..)| !name.starts_with("encoder.conv0")), "no encoder that is known"),
+        (&|t| t.retain(|(name, ..)| !name.starts_with("encoder.conv0")), "an encoder whose tensors begin with"),
         (&|t| t.push(("encoder.conv4.bias".into(), vec![2], vec![0.0; 2])), "encoder.conv4.bias"),
-        (&|t| t.push(("decoder.fc_p.weight".into(), vec![4, 9], vec![0.0; 36])), "takes 9 inputs"),
+        (&|t| t.push(("decoder.fc_p.weight".into(), vec![4, 9], vec![0.0; 36])), "has the shape [4, 9]"),
     ];
     for (change, named) in cases {
         let message = refusal(change);
