@@ -214,6 +214,12 @@ pub enum Error {
         /// What is wrong.
         problem: String,
     },
+    /// Stored parameters have other names or shapes than their configuration says.
+    #[error("the checkpoint's parameters do not fit its own configuration: {problem}")]
+    Misfit {
+        /// What differs.
+        problem: String,
+    },
     /// Something cannot be put in bytes.
     #[error("the state cannot be stored: {problem}")]
     NotStored {

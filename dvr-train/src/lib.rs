@@ -1,37 +1,36 @@
-//! Losses, schedules, the trainer, run folders and evaluation.
+//! Training: methods, run folders, learners, export and evaluation, for one scene or for datasets of many objects.
 //!
-//! The whole job on a scene that this example renders itself: a ball, seen from eight sides, trained for a few steps.
+//! A [`Method`] says what is trained and how; [`METHODS`] lists those that are known by name, and [`FieldMethod`] makes
+//! one of any field. [`train`] carries a method through a run with checkpoints and validation, and [`finish`] makes its
+//! mesh, preview and figures. Here the whole job on a scene that this example renders itself, a ball seen from eight
+//! sides:
 //!
 //! ```
-//! use std::sync::atomic::AtomicBool;
-//!
 //! use burn::tensor::Device;
-//! use dvr_core::dataset::{ReadOptions, read_scene};
+//! use dvr_core::Scene;
 //! use dvr_core::mesh::{TexturedMesh, shapes};
 //! use dvr_core::synth::{SynthConfig, render_dataset};
-//! use dvr_train::{Supervision, TrainConfig, Trainer, ViewSplit, carve_hull, hull_bound, warm_start};
+//! use dvr_train::{MeshOptions, RunFolder, RunOptions, Supervision, finish, method_by_name, train};
 //!
 //! // A ball in the layout of the DVR datasets, and back.
 //! let folder = tempfile::tempdir()?;
 //! let ball = TexturedMesh { mesh: shapes::icosphere(2, 1.0), ..TexturedMesh::default() };
 //! let few = SynthConfig { views: 8, width: 16, height: 16, surface_points: 100, occupancy_points: 100, ..SynthConfig::default() };
 //! render_dataset(&ball, "ball", "balls", folder.path(), &few, &|_, _| ())?;
-//! let scene = read_scene(&folder.path().join("balls/ball"), &ReadOptions::default())?;
+//! let mut scene = Scene::read(folder.path().join("balls/ball"))?;
 //!
 //! // A small network takes the masks' hull as its first shape; then rays train it.
-//! let device = Device::flex();
-//! let mut config = TrainConfig { rays: 64, steps: 3, ..TrainConfig::new(Supervision::Rgb) };
-//! config.model.hidden = 16;
-//! config.hull.warm_start_steps = 10;
-//! let views = ViewSplit::new(&scene, config.hold_out_every)?;
-//! let hull = carve_hull(&views.train, 32)?;
-//! let field = config.model.init(&device.clone().autodiff());
-//! let field = warm_start(field, &hull, &config, &device, &AtomicBool::new(false), |_| ());
-//! let mut trainer = Trainer::new(field, views, config, device).with_bound(hull_bound(&hull));
-//! for _ in 0..3 {
-//!     let report = trainer.step()?;
-//!     println!("step {}: loss {:.3}", report.step, report.loss);
-//! }
+//! let small = serde_json::json!({
+//!     "steps": 3, "rays": 64, "model": { "hidden": 16 }, "hull": { "resolution": 32, "warm_start_steps": 10 },
+//! });
+//! let method = method_by_name("network", Supervision::Rgb)?.overridden(&small)?;
+//! let run = RunFolder::new(folder.path().join("run"));
+//! run.create()?;
+//! let options = RunOptions::new(run.clone(), Device::flex());
+//! let trained = train(&mut scene, method.as_ref(), None, &options, &mut ())?;
+//! let results = finish(&scene, method.as_ref(), &trained, &run, &MeshOptions::with_resolution(32), &mut ())?;
+//! println!("{} steps, {:?}", results.metrics.steps, results.metrics.held_out);
+//! assert!(run.last().is_file() && run.metrics_json().is_file());
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 

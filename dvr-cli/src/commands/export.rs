@@ -2,7 +2,7 @@
 
 use std::process::ExitCode;
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use dvr_model::save_safetensors;
 use dvr_train::{ObjectModel, method_of};
 
@@ -18,7 +18,8 @@ pub fn run(args: &ExportArgs) -> Result<ExitCode> {
         let model = ObjectModel::load(&checkpoint, &device)?;
         save_safetensors(&args.out, model.model(), &config.image_model())?;
     } else {
-        load_model(&checkpoint, None, &device)?.save_network(&args.out)?;
+        let about = || format!("{}, made by method {}", args.run.display(), checkpoint.header.method.method);
+        load_model(&checkpoint, None, &device)?.save_network(&args.out).with_context(about)?;
     }
     println!("wrote {}", args.out.display());
     Ok(ExitCode::SUCCESS)

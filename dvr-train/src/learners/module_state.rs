@@ -29,9 +29,7 @@ pub(crate) fn module_state<M: Module>(module: M, optimizer: &ModuleOptimizer) ->
 /// When their names or shapes are not those of the module.
 pub(crate) fn restore_module<M: Module>(bytes: &[u8], module: M) -> Result<M> {
     let record = ModuleRecord::from_bytes(Bytes::from_bytes_vec(bytes.to_vec()));
-    record
-        .and_then(|record| module.try_load_record(record))
-        .map_err(|e| Error::Damaged { what: "the network", problem: e.to_string() })
+    record.and_then(|record| module.try_load_record(record)).map_err(|e| Error::Misfit { problem: e.to_string() })
 }
 
 /// Puts a stored state into an optimiser.
