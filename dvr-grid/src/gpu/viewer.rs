@@ -63,7 +63,7 @@ impl GpuGridView {
         let (values, colors) = (shape.values.to_vec(), color.values.to_vec());
         let (values, colors) =
             (buffers.floats("values of nodes", values)?, buffers.floats("colours of nodes", colors)?);
-        // Told now, not when something is asked.
+        // Found out now, not at the first question.
         buffers.check(
             "rays to look at it",
             (RAY_COLUMNS + SHADED_COLUMNS) * rows_at_once(4 * (RAY_COLUMNS + SHADED_COLUMNS) as u64),

@@ -48,7 +48,7 @@ fn view(eye: DVec3) -> View {
             mask.put_pixel(u, v, image::Luma([255]));
             let index = v * SIZE + u;
             // Depth maps have gaps.
-            z_depth[index as usize] = if index % 7 == 0 { f32::NAN } else { depth as f32 };
+            z_depth[index as usize] = if index.is_multiple_of(7) { f32::NAN } else { depth as f32 };
         }
     }
     let depth = Some(DepthMap { width: SIZE, height: SIZE, z_depth });
