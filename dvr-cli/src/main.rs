@@ -36,13 +36,26 @@ fn main() -> ExitCode {
     match result {
         Ok(code) => code,
         Err(error) => {
-            eprintln!("error: {error:#}");
+            eprintln!("error: {}", message(&error));
             if let Some(remedy) = remedy::remedy(&error) {
                 eprintln!("help: {remedy}");
             }
             ExitCode::from(EXIT_BAD_INPUT)
         }
     }
+}
+
+/// An error with its causes, on one line. Causes that a message already contains are not repeated.
+fn message(error: &anyhow::Error) -> String {
+    let mut text = String::new();
+    for cause in error.chain().map(ToString::to_string) {
+        if text.is_empty() {
+            text = cause;
+        } else if !text.contains(&cause) {
+            text = format!("{text}: {cause}");
+        }
+    }
+    text
 }
 
 /// Carries out a command.
