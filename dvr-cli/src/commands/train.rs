@@ -25,7 +25,7 @@ use crate::progress::Progress;
 /// Reconstructs a scene, or learns from a dataset, as the path and the arguments say.
 pub fn run(args: &TrainArgs) -> Result<ExitCode> {
     let is_dataset = match &args.scene {
-        Some(path) if args.reading.format.is_none_or(|format| format == Format::Dvr) => is_object_dataset(path)?,
+        Some(path) if args.reading.format.is_none_or(|format| format == Format::DVR) => is_object_dataset(path)?,
         _ => false,
     };
     if args.print_config {

@@ -1,11 +1,20 @@
 //! Camera matrices in `.npz` files: `world_mat_0`, `world_mat_1`, ...
 
 use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
 
 use glam::{DMat4, DVec4};
 
 use crate::error::{Error, Result};
 use crate::npz::NpzFile;
+
+/// The file with the matrices at `path`, a folder or that file itself.
+pub(super) fn cameras_npz(path: &Path) -> Option<PathBuf> {
+    if path.is_file() {
+        return path.extension().is_some_and(|extension| extension == "npz").then(|| path.to_owned());
+    }
+    ["cameras_sphere.npz", "cameras.npz"].iter().map(|name| path.join(name)).find(|file| file.is_file())
+}
 
 /// The numbers of all arrays `<kind>_<number>`.
 pub(super) fn numbers_of(npz: &NpzFile, kind: &str) -> BTreeSet<u64> {

@@ -18,17 +18,13 @@
 //! Masks stay as the files have them, and a view may have none: see [`refine_masks`](crate::refine_masks) and
 //! [`Scene::require_masks`](crate::Scene::require_masks).
 
-mod colmap;
 mod crop;
-mod detect;
 mod downscale;
-mod dvr;
-mod idr;
 mod input_picture;
+mod layouts;
 mod load;
 mod masks;
 mod matrices;
-mod middlebury;
 mod object_dataset;
 mod object_files;
 mod object_space;
@@ -37,12 +33,11 @@ mod options;
 mod pairing;
 mod raw_scene;
 mod read;
-mod transforms;
 mod write_transforms;
 
 pub use crop::square_around;
-pub use detect::{detect_format, is_object_dataset};
 pub use input_picture::input_picture;
+pub use layouts::{detect_format, is_object_dataset};
 pub use masks::mask_from_background;
 pub use object_dataset::{ObjectDataset, ObjectOptions};
 pub use objects::{ObjectRef, list_objects};

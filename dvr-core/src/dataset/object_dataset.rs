@@ -12,8 +12,8 @@ use glam::DVec3;
 use image::RgbImage;
 use serde::{Deserialize, Serialize};
 
-use super::dvr::{find_views, read_ground_truth, read_occupancy};
 use super::input_picture::input_picture;
+use super::layouts::dvr::{find_views, read_ground_truth, read_occupancy};
 use super::load::load_view;
 use super::object_files::IMAGE_FOLDERS;
 use super::objects::{ObjectRef, list_objects};

@@ -6,56 +6,19 @@ use std::str::FromStr;
 use crate::camera::Similarity;
 use crate::error::{Error, Result};
 
-/// The layouts that are understood.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Format {
-    /// The DVR datasets: `image/`, `mask/`, `depth/` and `cameras.npz` with `camera_mat_i`, `world_mat_i`,
-    /// `scale_mat_i`.
-    Dvr,
-    /// NeRF's and nerfstudio's `transforms.json`, or `transforms_{train,val,test}.json`.
-    Transforms,
-    /// IDR and NeuS: `cameras_sphere.npz` or `cameras.npz` with `world_mat_i` = K\[R|t\] in pixels, and `scale_mat_i`.
-    Idr,
-    /// The Middlebury multi-view benchmark: `*_par.txt` beside the images.
-    Middlebury,
-    /// A COLMAP sparse model, text or binary, of undistorted images.
-    Colmap,
-}
-
-impl Format {
-    /// Every format, in the order in which they are looked for.
-    pub const ALL: [Self; 5] = [Self::Transforms, Self::Middlebury, Self::Colmap, Self::Idr, Self::Dvr];
-}
+/// A layout of posed photographs, by its name: [`Format::all`] tells which there are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize)]
+pub struct Format(pub(super) &'static str);
 
 impl fmt::Display for Format {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Dvr => "dvr",
-            Self::Transforms => "transforms",
-            Self::Idr => "idr",
-            Self::Middlebury => "middlebury",
-            Self::Colmap => "colmap",
-        })
+        f.write_str(self.0)
     }
 }
 
-impl FromStr for Format {
-    type Err = Error;
-
-    fn from_str(name: &str) -> Result<Self> {
-        match name.to_lowercase().as_str() {
-            "dvr" => Ok(Self::Dvr),
-            "transforms" | "nerf" | "blender" | "nerfstudio" | "instant-ngp" => Ok(Self::Transforms),
-            "idr" | "neus" => Ok(Self::Idr),
-            "middlebury" => Ok(Self::Middlebury),
-            "colmap" => Ok(Self::Colmap),
-            _ => Err(Error::UnknownName {
-                what: "format of scenes",
-                name: name.to_owned(),
-                expected: "dvr, transforms, idr, middlebury, colmap",
-            }),
-        }
+impl<'de> serde::Deserialize<'de> for Format {
+    fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> std::result::Result<Self, D::Error> {
+        <String as serde::Deserialize>::deserialize(deserializer)?.parse().map_err(serde::de::Error::custom)
     }
 }
 
@@ -95,9 +58,11 @@ impl FromStr for BackgroundColor {
             "white" => Ok(Self::White),
             "black" => Ok(Self::Black),
             "border" | "auto" => Ok(Self::Border),
-            _ => {
-                Err(Error::UnknownName { what: "background", name: name.to_owned(), expected: "white, black, border" })
-            }
+            _ => Err(Error::UnknownName {
+                what: "background",
+                name: name.to_owned(),
+                expected: "white, black, border".into(),
+            }),
         }
     }
 }

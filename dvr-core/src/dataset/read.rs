@@ -2,12 +2,11 @@
 
 use std::path::Path;
 
-use super::detect::detect_format;
+use super::layouts::{detect_format, find_views};
 use super::load::{check_masks, load_views, select_views};
 use super::object_space::{check_cube, into_object_space, keep_points_on_object};
-use super::options::{Format, ReadOptions};
+use super::options::ReadOptions;
 use super::pairing::folder_name;
-use super::{colmap, dvr, idr, middlebury, transforms};
 use crate::error::Result;
 use crate::scene::Scene;
 
@@ -20,13 +19,7 @@ use crate::scene::Scene;
 /// [`Error::Normalisation`]. A picture without a mask is no error: see [`Scene::require_masks`].
 pub fn read_scene(path: &Path, options: &ReadOptions) -> Result<Scene> {
     let format = options.format.map_or_else(|| detect_format(path), Ok)?;
-    let mut raw = match format {
-        Format::Dvr => dvr::find(path, options)?,
-        Format::Transforms => transforms::find(path)?,
-        Format::Idr => idr::find(path)?,
-        Format::Middlebury => middlebury::find(path)?,
-        Format::Colmap => colmap::find(path)?,
-    };
+    let mut raw = find_views(format, path, options)?;
     select_views(&mut raw, options)?;
     let mut views = load_views(&mut raw, options)?;
     check_masks(&mut raw, &views)?;

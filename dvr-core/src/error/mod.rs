@@ -140,7 +140,7 @@ pub enum Error {
         /// What was given.
         name: String,
         /// The names that there are.
-        expected: &'static str,
+        expected: String,
     },
     /// A value is out of its range.
     #[error("{name} is {value}, expected {expected}")]

@@ -55,7 +55,7 @@ fn nothing_there() {
 #[test]
 fn a_format_that_is_named_but_not_there() {
     let folder = tempfile::tempdir().unwrap();
-    for format in Format::ALL {
+    for format in Format::all() {
         let options = ReadOptions { format: Some(format), ..ReadOptions::default() };
         let error = read_scene(folder.path(), &options).unwrap_err();
         assert!(matches!(error, Error::Format { .. }), "{format}: {error}");

@@ -5,6 +5,7 @@ use std::path::Path;
 use glam::DQuat;
 
 use super::*;
+use crate::dataset::layouts::find_views;
 
 /// A COLMAP model: camera 7 for every second image, 3 for the others; three points.
 struct ColmapBall<'a> {
@@ -149,7 +150,10 @@ fn a_truncated_colmap_model_is_refused_wherever_it_ends() {
         let bytes = std::fs::read(&path).unwrap();
         for length in 0..bytes.len() {
             std::fs::write(&path, &bytes[..length]).unwrap();
-            let error = colmap::find(root).err().map(|error| error.to_string()).unwrap_or_default();
+            let error = find_views("colmap".parse().unwrap(), root, &ReadOptions::default())
+                .err()
+                .map(|error| error.to_string())
+                .unwrap_or_default();
             assert!(error.contains(file) && error.contains("ends too early"), "{length} bytes: {error}");
         }
         std::fs::write(&path, &bytes).unwrap();

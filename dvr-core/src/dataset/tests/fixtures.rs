@@ -3,6 +3,7 @@
 use glam::Vec2;
 
 use super::*;
+use crate::dataset::layouts::dvr;
 
 fn cameras() -> Option<NpzFile> {
     Some(NpzFile::open(&dvr_test_support::fixture("cameras.npz")?).unwrap())

@@ -138,7 +138,7 @@ fn a_dataset_lists_its_objects_and_a_single_one_is_taken() {
     ball.write_dvr(&root.join("0301/one"));
     std::fs::write(root.join("metadata.yaml"), "0301:\n  id: 0301\n  name: 'chair,seat'\n").unwrap();
     assert_eq!(read(root).name, "one");
-    assert_eq!(detect_format(root).unwrap(), Format::Dvr);
+    assert_eq!(detect_format(root).unwrap(), Format::DVR);
     std::fs::write(root.join("0301/softras_train.lst"), "one\n").unwrap();
     std::fs::write(root.join("0301/softras_test.lst"), "one\n\n").unwrap();
     assert_eq!(read(root).name, "one", "the same object in two lists is one object");
@@ -178,7 +178,7 @@ fn the_idr_layout_has_pixel_centres_at_integers() {
     assert!((scene.object_to_world.scale - 2.6 * ball.radius).abs() < 1e-9, "the sphere fits the cube");
     ball.assert_same_cameras(&scene);
     std::fs::rename(folder.path().join("cameras_sphere.npz"), folder.path().join("cameras.npz")).unwrap();
-    assert_eq!(detect_format(folder.path()).unwrap(), Format::Idr, "cameras.npz without camera_mat");
+    assert_eq!(detect_format(folder.path()).unwrap(), "idr".parse().unwrap(), "cameras.npz without camera_mat");
 }
 
 #[test]

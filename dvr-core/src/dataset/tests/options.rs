@@ -17,10 +17,10 @@ fn names(scene: &Scene) -> Vec<&str> {
 
 #[test]
 fn formats_and_backgrounds_go_by_their_names() {
-    for format in Format::ALL {
+    for format in Format::all() {
         assert_eq!(format.to_string().parse::<Format>().unwrap(), format);
     }
-    assert_eq!("NeuS".parse::<Format>().unwrap(), Format::Idr);
+    assert_eq!("NeuS".parse::<Format>().unwrap(), "idr".parse().unwrap());
     let error = "obj".parse::<Format>().unwrap_err().to_string();
     assert!(error.contains("`obj`") && error.contains("colmap"), "{error}");
     assert_eq!("border".parse::<BackgroundColor>().unwrap(), BackgroundColor::Border);
@@ -30,7 +30,7 @@ fn formats_and_backgrounds_go_by_their_names() {
 #[test]
 fn options_survive_a_file() {
     let options = ReadOptions {
-        format: Some(Format::Colmap),
+        format: Some("colmap".parse().unwrap()),
         background: Some(Background::of(BackgroundColor::Black)),
         normalise: Normalise::Given(Similarity { scale: 3.0, ..Similarity::default() }),
         max_memory: Some(2_000_000_000),

@@ -9,13 +9,24 @@ use std::path::{Path, PathBuf};
 use glam::{DMat3, DVec3};
 use serde::Deserialize;
 
-use super::masks::find_masks;
-use super::pairing::{folder_of, partners, pictures, sub_folder, view_names};
-use super::raw_scene::{ObjectBounds, Projection, RawScene, RawView, is_rotation};
+use super::layout::Layout;
 use crate::camera::Similarity;
+use crate::dataset::masks::find_masks;
+use crate::dataset::options::ReadOptions;
+use crate::dataset::pairing::{folder_of, partners, pictures, sub_folder, view_names};
+use crate::dataset::raw_scene::{ObjectBounds, Projection, RawScene, RawView, is_rotation};
 use crate::error::{Error, Result};
 use crate::files::{image_size, read_bytes};
 use crate::scene::{GroundTruth, Split};
+
+/// NeRF's and nerfstudio's `transforms.json`, or `transforms_{train,val,test}.json`.
+pub(super) const LAYOUT: Layout = Layout {
+    name: "transforms",
+    aliases: &["nerf", "blender", "nerfstudio", "instant-ngp"],
+    known_by: "transforms.json or transforms_train.json (NeRF, nerfstudio)",
+    is_at: |path| Ok(!files(path).is_empty()),
+    find,
+};
 
 /// The files of a dataset with splits.
 const SPLITS: [(&str, Split); 3] = [
@@ -64,7 +75,7 @@ struct Lens {
 }
 
 /// The transforms files at `path`, with the split of their frames: the file itself, or those of the folder.
-pub(super) fn files(path: &Path) -> Vec<(PathBuf, Split)> {
+fn files(path: &Path) -> Vec<(PathBuf, Split)> {
     if path.is_file() {
         let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
         let split = SPLITS.iter().find(|(split_name, _)| *split_name == name).map_or(Split::Train, |(_, split)| *split);
@@ -76,7 +87,7 @@ pub(super) fn files(path: &Path) -> Vec<(PathBuf, Split)> {
 }
 
 /// Finds the views that the file, or the files of the folder, list.
-pub(super) fn find(path: &Path) -> Result<RawScene> {
+fn find(path: &Path, _: &ReadOptions) -> Result<RawScene> {
     let files = files(path);
     let Some((cameras, _)) = files.first().cloned() else {
         return Err(Error::format(path, "there is no transforms.json", "Give the folder or the file itself."));
@@ -205,7 +216,7 @@ fn masks_of(root: &Path, images: &[PathBuf]) -> Result<Vec<Option<PathBuf>>> {
     if by_path.iter().any(Option::is_some) {
         return Ok(by_path);
     }
-    let Some(folder) = sub_folder(root, &super::masks::MASK_FOLDERS) else { return Ok(by_path) };
+    let Some(folder) = sub_folder(root, &crate::dataset::masks::MASK_FOLDERS) else { return Ok(by_path) };
     let within: Vec<PathBuf> = images.iter().map(|image| image.components().skip(1).collect()).collect();
     partners(&within, &folder, pictures())
 }

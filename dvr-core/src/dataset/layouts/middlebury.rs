@@ -8,10 +8,12 @@ use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DVec3};
 
-use super::masks::find_masks;
-use super::pairing::{folder_of, list_files, view_names};
-use super::raw_scene::{ObjectBounds, Projection, RawScene, RawView, is_rotation};
+use super::layout::Layout;
 use crate::camera::Similarity;
+use crate::dataset::masks::find_masks;
+use crate::dataset::options::ReadOptions;
+use crate::dataset::pairing::{folder_of, list_files, view_names};
+use crate::dataset::raw_scene::{ObjectBounds, Projection, RawScene, RawView, is_rotation};
 use crate::error::{Error, Result};
 use crate::files::read_text;
 use crate::scene::{GroundTruth, Split};
@@ -23,8 +25,17 @@ use crate::scene::{GroundTruth, Split};
 /// this adds (0.5, 0.5). Half a pixel is a tenth of a millimetre on the object.
 const CENTERS_AT_INTEGERS: bool = true;
 
+/// The Middlebury multi-view benchmark.
+pub(super) const LAYOUT: Layout = Layout {
+    name: "middlebury",
+    aliases: &[],
+    known_by: "*_par.txt (Middlebury)",
+    is_at: |path| Ok(cameras_file(path).is_some()),
+    find,
+};
+
 /// The file with the cameras at `path`, which may be that file itself.
-pub(super) fn cameras_file(path: &Path) -> Option<PathBuf> {
+fn cameras_file(path: &Path) -> Option<PathBuf> {
     let is_par = |path: &Path| path.file_name().is_some_and(|name| name.to_string_lossy().ends_with("_par.txt"));
     if path.is_file() {
         return is_par(path).then(|| path.to_owned());
@@ -33,7 +44,7 @@ pub(super) fn cameras_file(path: &Path) -> Option<PathBuf> {
 }
 
 /// Finds the views of the folder, or of the file.
-pub(super) fn find(path: &Path) -> Result<RawScene> {
+fn find(path: &Path, _: &ReadOptions) -> Result<RawScene> {
     let cameras = cameras_file(path)
         .ok_or_else(|| Error::format(path, "there is no *_par.txt", "Give the folder that holds it."))?;
     let root = folder_of(&cameras);

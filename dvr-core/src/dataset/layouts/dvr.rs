@@ -9,21 +9,35 @@ use std::path::{Path, PathBuf};
 
 use glam::{DMat4, Vec3};
 
-use super::masks::find_masks;
-use super::matrices::{numbers_of, read_matrix};
-use super::object_files::{cameras_file, image_folder};
-use super::objects::object_folder;
-use super::options::ReadOptions;
-use super::pairing::{camera_indices, list_files, partners, pictures, sub_folder, view_names};
-use super::raw_scene::{Coordinates, ObjectBounds, Projection, RawScene, RawView};
+use super::layout::Layout;
 use crate::camera::Similarity;
+use crate::dataset::masks::find_masks;
+use crate::dataset::matrices::{cameras_npz, numbers_of, read_matrix};
+use crate::dataset::object_files::{cameras_file, image_folder};
+use crate::dataset::objects::{list_objects, object_folder};
+use crate::dataset::options::ReadOptions;
+use crate::dataset::pairing::{camera_indices, list_files, partners, pictures, sub_folder, view_names};
+use crate::dataset::raw_scene::{Coordinates, ObjectBounds, Projection, RawScene, RawView};
 use crate::error::{Error, Result};
 use crate::npz::NpzFile;
 use crate::points::{OccupancySamples, PointCloud};
 use crate::scene::{GroundTruth, SparsePoints, Split};
 
+/// The DVR datasets; see the head of this file.
+pub(super) const LAYOUT: Layout = Layout {
+    name: "dvr",
+    aliases: &[],
+    known_by: "cameras.npz, or *.lst and folders with cameras.npz (DVR)",
+    // Asked after IDR's, which knows its own cameras.npz by what is in it.
+    is_at: |path| {
+        let is_object = || cameras_npz(path).is_some() || path.is_dir() && cameras_file(path).is_some();
+        Ok(is_object() || path.is_dir() && !list_objects(path, None)?.is_empty())
+    },
+    find,
+};
+
 /// Finds the views of an object, given its folder, or that of a category or dataset with a single object.
-pub(super) fn find(path: &Path, options: &ReadOptions) -> Result<RawScene> {
+fn find(path: &Path, options: &ReadOptions) -> Result<RawScene> {
     let root = object_folder(path)?;
     let ObjectViews { views, indices, cameras, object_to_world, mut warnings } =
         find_views(&root, options.visual_hull_depth)?;
@@ -45,7 +59,7 @@ pub(super) fn find(path: &Path, options: &ReadOptions) -> Result<RawScene> {
 }
 
 /// The views of one object, before any pixel is read.
-pub(super) struct ObjectViews {
+pub(crate) struct ObjectViews {
     pub views: Vec<RawView>,
     /// The number of each view's camera.
     pub indices: Vec<u64>,
@@ -57,7 +71,7 @@ pub(super) struct ObjectViews {
 }
 
 /// Finds the views of the object in the folder `root`.
-pub(super) fn find_views(root: &Path, visual_hull_depth: bool) -> Result<ObjectViews> {
+pub(crate) fn find_views(root: &Path, visual_hull_depth: bool) -> Result<ObjectViews> {
     let image_folder = image_folder(root)?;
     let cameras = cameras_file(root).unwrap_or_else(|| root.join("cameras.npz"));
     let images = list_files(&image_folder, pictures())?;
@@ -86,7 +100,7 @@ pub(super) fn find_views(root: &Path, visual_hull_depth: bool) -> Result<ObjectV
 }
 
 /// The true shape of the object in the folder `root`, as far as it is there.
-pub(super) fn read_ground_truth(root: &Path) -> Result<GroundTruth> {
+pub(crate) fn read_ground_truth(root: &Path) -> Result<GroundTruth> {
     Ok(GroundTruth { surface: read_surface(root)?, occupancy: read_occupancy(root)? })
 }
 
@@ -102,7 +116,7 @@ fn read_projection(npz: &mut NpzFile, index: u64, scale_mat: &DMat4) -> Result<P
     Ok(compose_projection(&camera_mat, &world_mat, scale_mat))
 }
 
-pub(super) fn compose_projection(camera_mat: &DMat4, world_mat: &DMat4, scale_mat: &DMat4) -> Projection {
+pub(crate) fn compose_projection(camera_mat: &DMat4, world_mat: &DMat4, scale_mat: &DMat4) -> Projection {
     Projection::from_matrix(&(*camera_mat * *world_mat * *scale_mat), Coordinates::Normalised)
 }
 
@@ -202,7 +216,7 @@ fn read_surface(root: &Path) -> Result<Option<PointCloud>> {
 }
 
 /// Points of the padded cube and whether they are inside the object: `points.npz`, where it is there.
-pub(super) fn read_occupancy(root: &Path) -> Result<Option<OccupancySamples>> {
+pub(crate) fn read_occupancy(root: &Path) -> Result<Option<OccupancySamples>> {
     let path = root.join("points.npz");
     if !path.is_file() {
         return Ok(None);

@@ -11,24 +11,35 @@ use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DQuat, DVec3, Vec3};
 
-use super::masks::find_masks;
-use super::pairing::{natural_order, sub_folder, view_names};
-use super::raw_scene::{ObjectBounds, Projection, RawScene, RawView};
+use super::layout::Layout;
 use crate::camera::Similarity;
+use crate::dataset::masks::find_masks;
+use crate::dataset::options::ReadOptions;
+use crate::dataset::pairing::{natural_order, sub_folder, view_names};
+use crate::dataset::raw_scene::{ObjectBounds, Projection, RawScene, RawView};
 use crate::error::{Error, Result};
 use crate::points::PointCloud;
 use crate::scene::{GroundTruth, SparsePoints, Split};
 use model::{Model, ModelCamera, ModelImage};
 
+/// COLMAP: a sparse model, text or binary, of undistorted images.
+pub(super) const LAYOUT: Layout = Layout {
+    name: "colmap",
+    aliases: &[],
+    known_by: "sparse/0/images.bin or .txt (COLMAP)",
+    is_at: |path| Ok(path.is_dir() && model_folder(path).is_some()),
+    find,
+};
+
 /// The folder of the model at or below `path`.
-pub(super) fn model_folder(path: &Path) -> Option<PathBuf> {
+fn model_folder(path: &Path) -> Option<PathBuf> {
     let holds_model =
         |folder: &PathBuf| ["bin", "txt"].iter().any(|kind| folder.join(format!("images.{kind}")).is_file());
     ["sparse/0", "sparse", "colmap/sparse/0", "."].iter().map(|below| path.join(below)).find(holds_model)
 }
 
 /// Finds the views of the model at or below `path`.
-pub(super) fn find(path: &Path) -> Result<RawScene> {
+fn find(path: &Path, _: &ReadOptions) -> Result<RawScene> {
     let folder = model_folder(path).ok_or_else(|| {
         Error::format(
             path,

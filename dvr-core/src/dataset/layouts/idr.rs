@@ -7,27 +7,33 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
-use super::masks::find_masks;
-use super::matrices::{numbers_of, read_matrix};
-use super::object_files::image_folder;
-use super::pairing::{camera_indices, folder_of, list_files, pictures, view_names};
-use super::raw_scene::{Coordinates, ObjectBounds, Projection, RawScene, RawView};
+use super::layout::Layout;
 use crate::camera::Similarity;
+use crate::dataset::masks::find_masks;
+use crate::dataset::matrices::{cameras_npz, numbers_of, read_matrix};
+use crate::dataset::object_files::image_folder;
+use crate::dataset::options::ReadOptions;
+use crate::dataset::pairing::{camera_indices, folder_of, list_files, pictures, view_names};
+use crate::dataset::raw_scene::{Coordinates, ObjectBounds, Projection, RawScene, RawView};
 use crate::error::{Error, Result};
 use crate::npz::NpzFile;
 use crate::scene::{GroundTruth, Split};
 
-/// The file with the cameras at `path`, which may be that file itself.
-pub(super) fn cameras_file(path: &Path) -> Option<PathBuf> {
-    if path.is_file() {
-        return path.extension().is_some_and(|extension| extension == "npz").then(|| path.to_owned());
-    }
-    ["cameras_sphere.npz", "cameras.npz"].iter().map(|name| path.join(name)).find(|file| file.is_file())
-}
+/// IDR and NeuS: `cameras_sphere.npz` or `cameras.npz` with `world_mat_i` = K\[R|t\] in pixels, and `scale_mat_i`.
+pub(super) const LAYOUT: Layout = Layout {
+    name: "idr",
+    aliases: &["neus"],
+    known_by: "cameras_sphere.npz (IDR, NeuS)",
+    is_at: |path| {
+        let Some(cameras) = cameras_npz(path) else { return Ok(false) };
+        Ok(cameras.ends_with("cameras_sphere.npz") || numbers_of(&NpzFile::open(&cameras)?, "camera_mat").is_empty())
+    },
+    find,
+};
 
 /// Finds the views of the folder, or of the folder of the file.
-pub(super) fn find(path: &Path) -> Result<RawScene> {
-    let cameras = cameras_file(path).ok_or_else(|| {
+fn find(path: &Path, _: &ReadOptions) -> Result<RawScene> {
+    let cameras = cameras_npz(path).ok_or_else(|| {
         Error::format(path, "there is no cameras_sphere.npz and no cameras.npz", "Give the folder that holds it.")
     })?;
     let root = folder_of(&cameras);
