@@ -27,7 +27,10 @@ pub enum DeviceError {
         most: u64,
     },
     /// There is no room for something within what [`crate::limit_memory`] allows.
-    #[error("{what} would take {bytes} bytes beside the {held} that tensors hold, and {allowed} are allowed")]
+    #[error(
+        "{what} would take {:.2} MB beside the {:.2} MB that tensors hold, and {:.2} MB are allowed",
+        megabytes(*bytes), megabytes(*held), megabytes(*allowed)
+    )]
     OverLimit {
         /// What it is.
         what: &'static str,
@@ -47,6 +50,11 @@ pub enum DeviceError {
     /// The driver gave up.
     #[error("the GPU failed: {0}")]
     Device(String),
+}
+
+/// Millions of bytes.
+fn megabytes(bytes: u64) -> f64 {
+    bytes as f64 / 1e6
 }
 
 /// Numbers on the device: f32, i32 or u32, as the kernels that are given them know.

@@ -95,9 +95,9 @@ mod tests {
         assert_eq!(curves.pairs("seconds", "held_out_psnr"), [[1.0, 21.5]]);
         assert_eq!(curves.terms(), ["color"]);
         let titles: Vec<String> = charts(&[("a", &curves)]).into_iter().map(|chart| chart.title).collect();
-        assert_eq!(titles, ["Loss in training", "Held-out views", "Silhouettes", "Terms of the loss"]);
+        assert_eq!(titles, ["Loss in training", "Held-out views", "Chamfer-L1", "Silhouettes", "Terms of the loss"]);
         let both = charts(&[("a", &curves), ("b", &curves)]);
-        assert!(both.iter().all(|chart| chart.series.len() == 2) && both.len() == 3);
+        assert!(both.iter().all(|chart| chart.series.len() == 2) && both.len() == 4);
         assert!(charts(&[("none", &Curves::read(&folder.path().join("nowhere.csv")).unwrap())]).is_empty());
     }
 }

@@ -114,7 +114,7 @@ fn measure(
         println!("{} object(s) could not be measured", broken.len());
     }
     if results.scores.is_empty() {
-        bail!("no object could be measured");
+        bail!("no object could be measured. A model of learned codes knows its training objects alone: --split train");
     }
     let summary = [Summary::new(measurement, &results.scores)];
     println!("{}", to_markdown(&summary));

@@ -44,7 +44,7 @@ impl Loader {
     pub fn next_batch(&mut self) -> Result<ObjectsBatch> {
         let channel = &self.channels[(self.next - self.first) % self.channels.len()];
         self.next += 1;
-        channel.recv().unwrap_or_else(|_| Err(Error::LoaderEnded))
+        channel.recv().unwrap_or(Err(Error::LoaderEnded))
     }
 }
 
