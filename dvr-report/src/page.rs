@@ -22,7 +22,7 @@ const ICON: &str = "data:image/svg+xml,%3Csvg xmlns='http://www.w3.org/2000/svg'
 pub struct Section {
     /// The heading.
     pub title: String,
-    /// What is below it, as HTML: text from outside must have gone through [`crate::html::escape`].
+    /// What is below it, as HTML: text from outside must have gone through `html::escape`.
     pub html: String,
 }
 

@@ -1,4 +1,4 @@
-//! Scenes from disk: five layouts of posed photographs, one [`Scene`].
+//! Scenes from disk: five layouts of posed photographs, one [`Scene`](crate::Scene).
 //!
 //! ```no_run
 //! use dvr_core::dataset::{ReadOptions, read_scene};

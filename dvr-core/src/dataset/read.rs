@@ -13,10 +13,10 @@ use crate::scene::Scene;
 /// Reads the scene at `path`, a folder or the file with its cameras, in whatever layout it is.
 ///
 /// # Errors
-/// [`Error::Io`] where a file is missing, [`Error::Format`] where one is damaged or does not fit the others,
-/// [`Error::Scratch`] where the temporary folder has no room for what [`ReadOptions::max_memory`] puts there. Where all
-/// files are sound but make no usable scene: [`Error::TooFewViews`], [`Error::MasksEmpty`], [`Error::NoPlace`] or
-/// [`Error::Normalisation`]. A picture without a mask is no error: see [`Scene::require_masks`].
+/// [`Error::Io`](crate::Error::Io) where a file is missing, [`Error::Format`](crate::Error::Format) where one is damaged or does not fit the others,
+/// [`Error::Scratch`](crate::Error::Scratch) where the temporary folder has no room for what [`ReadOptions::max_memory`] puts there. Where all
+/// files are sound but make no usable scene: [`Error::TooFewViews`](crate::Error::TooFewViews), [`Error::MasksEmpty`](crate::Error::MasksEmpty), [`Error::NoPlace`](crate::Error::NoPlace) or
+/// [`Error::Normalisation`](crate::Error::Normalisation). A picture without a mask is no error: see [`Scene::require_masks`].
 pub fn read_scene(path: &Path, options: &ReadOptions) -> Result<Scene> {
     let format = options.format.map_or_else(|| detect_format(path), Ok)?;
     let mut raw = find_views(format, path, options)?;

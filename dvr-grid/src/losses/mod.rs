@@ -1,7 +1,7 @@
 //! The terms of the loss, one file each, and the one list of them.
 //!
-//! The list makes the configuration ([`GridLosses`]), the sums of a step ([`LossSums`]), the columns of a ray's record
-//! on a GPU ([`RayLosses`]), the names of the report ([`NAMES`]), and what evaluates the terms on CPU and GPU. To add
+//! The list makes the configuration ([`GridLosses`]), the sums of a step (`LossSums`), the columns of a ray's record
+//! on a GPU (`RayLosses`), the names of the report ([`NAMES`]), and what evaluates the terms on CPU and GPU. To add
 //! a term: write its file, with the trait of its kind and its kernel function, and enter it here.
 
 use serde::{Deserialize, Serialize};
