@@ -97,7 +97,7 @@ mod tests {
         let titles: Vec<String> = charts(&[("a", &curves)]).into_iter().map(|chart| chart.title).collect();
         assert_eq!(titles, ["Loss in training", "Held-out views", "Chamfer-L1", "Silhouettes", "Terms of the loss"]);
         let both = charts(&[("a", &curves), ("b", &curves)]);
-        assert!(both.iter().all(|chart| chart.series.len() == 2) && both.len() == 4);
+        assert!(both.iter().all(|chart| chart.series.len() == 2) && both.len() == 3);
         assert!(charts(&[("none", &Curves::read(&folder.path().join("nowhere.csv")).unwrap())]).is_empty());
     }
 }
