@@ -21,7 +21,7 @@ use crate::error::{Error, Result};
 use layout::Layout;
 
 /// Every layout, in the order in which they are looked for.
-const LAYOUTS: [&Layout; 5] = [&transforms::LAYOUT, &middlebury::LAYOUT, &colmap::LAYOUT, &idr::LAYOUT, &dvr::LAYOUT];
+const LAYOUTS: &[&Layout] = &[&transforms::LAYOUT, &middlebury::LAYOUT, &colmap::LAYOUT, &idr::LAYOUT, &dvr::LAYOUT];
 
 impl Format {
     /// The DVR datasets: `image/`, `mask/`, `depth/` and `cameras.npz` with `camera_mat_i`, `world_mat_i`,
