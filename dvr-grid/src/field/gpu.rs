@@ -45,8 +45,10 @@ impl GpuGridField {
         &self.field
     }
 
-    fn colors_at(&self, points: &[Vec3]) -> Vec<[f32; 3]> {
-        answered(self.viewer.colors(&rows(points)))
+    fn colors_at(&self, points: &[Vec3], directions: Option<&[Vec3]>) -> Vec<[f32; 3]> {
+        let direction = |i: usize| directions.map_or(Vec3::ZERO, |directions| directions[i]);
+        let seen: Vec<_> = points.iter().enumerate().map(|(i, &point)| six((point, direction(i)))).collect();
+        answered(self.viewer.colors(&seen))
     }
 }
 
@@ -87,17 +89,18 @@ impl ScalarField for GpuGridField {
         Some(gradients.into_iter().map(Vec3::from).collect())
     }
 
-    fn colors(&self, points: &[Vec3], _normals: &[Vec3], _: Option<&[Vec3]>) -> Option<Vec<[f32; 3]>> {
-        Some(self.colors_at(points))
+    fn colors(&self, points: &[Vec3], _normals: &[Vec3], directions: Option<&[Vec3]>) -> Option<Vec<[f32; 3]>> {
+        Some(self.colors_at(points, directions))
     }
 }
 
 impl Field for GpuGridField {
     fn evaluate(&self, query: &Query) -> FieldValues {
         let (points, device) = (vectors(&query.points), query.points.device());
+        let directions = query.directions.as_ref().map(vectors);
         FieldValues {
             occupancy_logit: scalars(self.logits(&points), &device),
-            color: triples(self.colors_at(&points), &device),
+            color: triples(self.colors_at(&points, directions.as_deref()), &device),
         }
     }
 

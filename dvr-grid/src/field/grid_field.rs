@@ -9,6 +9,7 @@ use dvr_render::{Shaded, Shader};
 use glam::Vec3;
 use rayon::prelude::*;
 
+use crate::color::{self, CHANNELS, ColorSample};
 use crate::occupancy::OccupancyBitmask;
 
 /// Values at the nodes of a grid, the channels of a node side by side.
@@ -38,7 +39,7 @@ impl GridField {
     /// # Panics
     /// When the numbers of values and nodes do not agree.
     pub fn new(shape: GridValues, color: GridValues) -> Self {
-        assert_eq!(color.values.len(), 3 * color.grid.len(), "three channels per node");
+        assert_eq!(color.values.len(), CHANNELS * color.grid.len(), "{CHANNELS} channels per node");
         let occupancy = OccupancyBitmask::new(&shape.grid, &shape.values);
         Self { shape: Arc::new(shape), color: Arc::new(color), occupancy: Arc::new(occupancy) }
     }
@@ -53,18 +54,14 @@ impl GridField {
         &self.color
     }
 
-    /// sRGB colour at a point that is seen along `direction` (a unit vector from the camera), or without a view. This
-    /// field's colour is the same from everywhere.
+    /// sRGB colour at a point that is seen along `direction` (a unit vector from the camera), or without a view.
     pub fn color_at(&self, point: Vec3, direction: Option<Vec3>) -> [f32; 3] {
-        let _ = direction;
-        let cell = self.color.grid.locate(point);
-        let offsets = self.color.grid.corner_offsets();
-        let mut color = [0.0; 3];
-        for (weight, offset) in cell.weights().into_iter().zip(offsets) {
-            let node = 3 * (cell.node + offset);
-            (0..3).for_each(|c| color[c] += weight * self.color.values[node + c]);
-        }
-        color.map(|c| c.clamp(0.0, 1.0))
+        self.color_sample(point, Vec3::ZERO, direction).color.to_array().map(|c| c.clamp(0.0, 1.0))
+    }
+
+    fn color_sample(&self, point: Vec3, step: Vec3, direction: Option<Vec3>) -> ColorSample {
+        let GridValues { grid, values } = &*self.color;
+        color::sample(grid, values, &grid.locate(point), step, direction)
     }
 
     /// Colours at points; `directions` as in [`GridField::color_at`], one per point.
@@ -73,19 +70,10 @@ impl GridField {
         (0..points.len()).into_par_iter().with_min_len(512).map(color).collect()
     }
 
-    /// Derivative of the colour along `step`; zero where the colour is clamped.
-    pub(super) fn color_slope(&self, point: Vec3, step: Vec3) -> [f32; 3] {
-        let grid = &self.color.grid;
-        let cell = grid.locate(point);
-        let mut slope = [0.0; 3];
-        let mut color = [0.0; 3];
-        let weights = cell.weights().into_iter().zip(cell.gradient_weights(step / grid.spacing()));
-        for ((weight, change), offset) in weights.zip(grid.corner_offsets()) {
-            let node = 3 * (cell.node + offset);
-            (0..3).for_each(|c| color[c] += weight * self.color.values[node + c]);
-            (0..3).for_each(|c| slope[c] += change * self.color.values[node + c]);
-        }
-        std::array::from_fn(|c| if (0.0..=1.0).contains(&color[c]) { slope[c] } else { 0.0 })
+    /// Derivative of the colour along `step`, seen along `direction`; zero where the colour is clamped.
+    pub(super) fn color_slope(&self, point: Vec3, step: Vec3, direction: Option<Vec3>) -> [f32; 3] {
+        let ColorSample { color, derivative } = self.color_sample(point, step, direction);
+        std::array::from_fn(|c| if (0.0..=1.0).contains(&color[c]) { derivative[c] } else { 0.0 })
     }
 
     /// Depth between `from` and `to` at which a ray first meets the surface from outside; `None` where it does not, and

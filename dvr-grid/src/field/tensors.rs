@@ -56,12 +56,15 @@ impl Differentiable for GridField {
     fn jet(&self, query: &Query, direction: Tensor<2>) -> FieldJet {
         let (points, device) = (vectors(&query.points), query.points.device());
         let steps = vectors(&direction);
+        let directions = query.directions.as_ref().map(vectors);
         let shape = self.shape();
-        let slope = |(point, step): (&Vec3, &Vec3)| {
-            let (_, gradient) = shape.grid.value_and_gradient(&shape.values, *point);
-            (gradient.dot(*step), self.color_slope(*point, *step))
+        let slope = |i: usize| {
+            let (point, step) = (points[i], steps[i]);
+            let (_, gradient) = shape.grid.value_and_gradient(&shape.values, point);
+            let viewing = directions.as_ref().map(|directions| directions[i]);
+            (gradient.dot(step), self.color_slope(point, step, viewing))
         };
-        let (logit, color) = points.par_iter().zip(&steps).with_min_len(512).map(slope).unzip();
+        let (logit, color) = (0..points.len()).into_par_iter().with_min_len(512).map(slope).unzip();
         let derivative = FieldValues { occupancy_logit: scalars(logit, &device), color: triples(color, &device) };
         FieldJet { value: self.evaluate(query), derivative }
     }

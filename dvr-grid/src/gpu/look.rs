@@ -90,12 +90,13 @@ pub(crate) fn values_at(
     }
 }
 
-/// Colours at points, three numbers each, seen from nowhere in particular.
+/// Colours at points (place, and the direction that it is seen along), three numbers each.
 #[cube(launch)]
 pub(crate) fn colors_at(points: &[f32], colors: &[f32], found: &mut [f32], nodes: u32, half_extent: f32, count: u32) {
     let index = ABSOLUTE_POS;
     if index < count as usize {
-        let viewing = Point::new(0.0f32, 0.0f32, 0.0f32);
-        write(&color_at(colors, &grid(nodes, half_extent), &point(points, index * 3), &viewing), found, index * 3);
+        let place = point(points, index * RAY_COLUMNS);
+        let viewing = point(points, index * RAY_COLUMNS + 3);
+        write(&color_at(colors, &grid(nodes, half_extent), &place, &viewing), found, index * 3);
     }
 }

@@ -119,11 +119,11 @@ impl GpuGridView {
         self.values_at(points)
     }
 
-    /// sRGB colours at points.
+    /// sRGB colours at points, each with the direction that it is seen along; zero for no direction in particular.
     ///
     /// # Errors
     /// When the device fails.
-    pub fn colors(&self, points: &[[f32; 3]]) -> Result<Vec<[f32; 3]>, DeviceError> {
+    pub fn colors(&self, points: &[[f32; RAY_COLUMNS]]) -> Result<Vec<[f32; 3]>, DeviceError> {
         self.in_pieces("points", points, |client, groups, cube, points, found, count| {
             let colors = self.colors.clone().into_buffer_arg();
             look::colors_at::launch(

@@ -68,6 +68,10 @@ macro_rules! loss_terms {
                 grad_value
             }
 
+            /// Names of the terms that are means over other views.
+            #[cfg(test)]
+            pub(crate) const CROSS_VIEW: &[&str] = &[$(stringify!($cross)),*];
+
             /// Name and weighted mean of each term, in the order of the list.
             pub(crate) fn weighted(
                 &self,

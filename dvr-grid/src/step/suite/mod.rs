@@ -80,7 +80,7 @@ fn steps(backend: &mut dyn Inspected, fixture: &mut Fixture, steps: usize) -> Op
 /// The loss of each ray, at weight one, for one term alone.
 fn losses(fixture: &Fixture, grids: Grids, make: Make) -> Vec<f64> {
     let records = make(fixture, grids).records(fixture);
-    let cross_view = |name: &str| ["photo_consistency", "patch_ncc"].contains(&name);
+    let cross_view = |name: &str| GridLosses::CROSS_VIEW.contains(&name);
     let compared = |name: &str| if cross_view(name) { fixture.config.compared_views as f64 } else { 1.0 };
     let loss = |record: &RayRecord| -> f64 {
         record.losses.named().into_iter().map(|(name, value)| f64::from(value) / compared(name)).sum()
