@@ -319,9 +319,9 @@ macro_rules! loss_structs {
             }
         }
 
+        #[cfg(test)]
         impl RayLosses {
             /// Names and values.
-            #[cfg(test)]
             pub fn named(&self) -> Vec<(&'static str, f32)> {
                 vec![$((stringify!($ray), self.$ray),)*]
             }

@@ -6,5 +6,7 @@ mod levels;
 mod pyramid;
 
 pub(crate) use grids::{ColorGrid, Grids, ShapeGrid};
-pub(crate) use levels::{MultiResGrid, prolonged};
+#[cfg(feature = "gpu")]
+pub(crate) use levels::MultiResGrid;
+pub(crate) use levels::prolonged;
 pub(crate) use pyramid::prolong_add;
