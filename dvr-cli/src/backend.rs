@@ -80,6 +80,19 @@ impl Backend {
     }
 }
 
+impl Backend {
+    /// What computes, with the name of the GPU: for keys of results.
+    pub fn described(self) -> String {
+        #[cfg(feature = "gpu")]
+        if let Self::Gpu(index) = self
+            && let Some(adapter) = dvr_gpu::adapters().get(index)
+        {
+            return format!("{self}, {} ({})", adapter.name, adapter.api);
+        }
+        self.to_string()
+    }
+}
+
 impl fmt::Display for Backend {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

@@ -1,5 +1,8 @@
 //! `dvr`: textured meshes from posed photographs.
 
+#[macro_use]
+mod output;
+
 mod args;
 mod backend;
 mod commands;
@@ -13,6 +16,7 @@ mod remedy;
 use std::process::ExitCode;
 
 use clap::Parser;
+use dvr_core::{Cancellation, Cancelled};
 
 use args::{Cli, Command};
 
@@ -24,17 +28,17 @@ static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 /// Exit code of every refusal of bad input, clap's included.
 const EXIT_BAD_INPUT: u8 = 2;
 
-/// Exit code after Ctrl-C, by convention 128 + SIGINT.
+/// Exit code after Ctrl-C, by convention 128 + SIGINT, and after SIGTERM.
 pub(crate) const EXIT_INTERRUPTED: u8 = 130;
 
 fn main() -> ExitCode {
     let command = Cli::parse().command;
-    #[cfg(feature = "gpu")]
-    let result = gpu::guarded(|| run(command));
-    #[cfg(not(feature = "gpu"))]
-    let result = run(command);
-    match result {
+    match interrupt::listen().and_then(|cancellation| guarded(command, &cancellation)) {
         Ok(code) => code,
+        Err(error) if error.chain().any(|cause| cause.is::<Cancelled>()) => {
+            eprintln!("stopped");
+            ExitCode::from(EXIT_INTERRUPTED)
+        }
         Err(error) => {
             eprintln!("error: {}", message(&error));
             if let Some(remedy) = remedy::remedy(&error) {
@@ -43,6 +47,14 @@ fn main() -> ExitCode {
             ExitCode::from(EXIT_BAD_INPUT)
         }
     }
+}
+
+/// Carries out a command; a GPU that panics is an error.
+fn guarded(command: Command, cancellation: &Cancellation) -> anyhow::Result<ExitCode> {
+    #[cfg(feature = "gpu")]
+    return gpu::guarded(|| run(command, cancellation));
+    #[cfg(not(feature = "gpu"))]
+    run(command, cancellation)
 }
 
 /// An error with its causes, on one line. Causes that a message already contains are not repeated.
@@ -59,20 +71,20 @@ fn message(error: &anyhow::Error) -> String {
 }
 
 /// Carries out a command.
-fn run(command: Command) -> anyhow::Result<ExitCode> {
+fn run(command: Command, cancellation: &Cancellation) -> anyhow::Result<ExitCode> {
     match command {
-        Command::Info(args) => commands::info::run(&args),
-        Command::Train(args) => commands::train::run(&args),
-        Command::Mesh(args) => commands::mesh::run(&args),
-        Command::Render(args) => commands::render::run(&args),
-        Command::Eval(args) => commands::eval::run(&args),
-        Command::Report(args) => commands::report::run(&args),
-        Command::Bench(args) => commands::bench::run(&args),
-        Command::Stress(args) => commands::stress::run(&args),
-        Command::Synth(args) => commands::synth::run(&args),
+        Command::Info(args) => commands::info::run(&args, cancellation),
+        Command::Train(args) => commands::train::run(&args, cancellation),
+        Command::Mesh(args) => commands::mesh::run(&args, cancellation),
+        Command::Render(args) => commands::render::run(&args, cancellation),
+        Command::Eval(args) => commands::eval::run(&args, cancellation),
+        Command::Report(args) => commands::report::run(&args, cancellation),
+        Command::Bench(args) => commands::bench::run(&args, cancellation),
+        Command::Stress(args) => commands::stress::run(&args, cancellation),
+        Command::Synth(args) => commands::synth::run(&args, cancellation),
         Command::Export(args) => commands::export::run(&args),
-        Command::Import(args) => commands::import::run(&args),
-        Command::Predict(args) => commands::predict::run(&args),
+        Command::Import(args) => commands::import::run(&args, cancellation),
+        Command::Predict(args) => commands::predict::run(&args, cancellation),
         Command::Devices => commands::devices::run(),
     }
 }

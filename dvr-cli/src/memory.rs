@@ -1,11 +1,16 @@
-//! `--memory` on a GPU.
+//! `--memory`, and what the machine has: work that would take more is refused before it starts.
+//!
+//! On the CPU the flag limits what the process takes; photographs beyond it are paged. On a GPU it limits the tensors
+//! there, and the photographs.
 
 use anyhow::Result;
 use burn::tensor::Device;
-use dvr_render::is_gpu;
-use dvr_train::{Method, check_memory};
+use dvr_core::{Camera, Scene};
+use dvr_render::extract::ExtractSettings;
+use dvr_render::{is_gpu, rendering_bytes};
+use dvr_train::{HostMemory, Method, check_host_memory, check_memory};
 
-/// Limits the GPU memory of tensors to `--memory`. On the CPU the flag concerns photographs alone.
+/// Limits the GPU memory of tensors to `--memory`.
 pub fn limit(device: &Device, memory: Option<u64>) {
     #[cfg(feature = "gpu")]
     if let Some(bytes) = memory.filter(|_| is_gpu(device)) {
@@ -25,4 +30,58 @@ pub fn limit_training(device: &Device, memory: Option<u64>, method: &dyn Method)
         Some(bytes) => Ok(check_memory(method, bytes)?),
         None => Ok(()),
     }
+}
+
+/// Makes room for a run on a scene: photographs that leave too little go into a scratch file. Returns what the run takes,
+/// about.
+///
+/// # Errors
+/// When there is not enough memory all the same.
+pub fn make_room(
+    scene: &mut Scene,
+    method: &dyn Method,
+    mesh: &ExtractSettings,
+    device: &Device,
+    memory: Option<u64>,
+) -> Result<HostMemory> {
+    let needed = HostMemory::of_run(method, scene, mesh);
+    let photographs = needed.photographs_within(of_process(device, memory))?;
+    if needed.photographs > photographs {
+        scene.keep_in_memory(photographs)?;
+    }
+    Ok(HostMemory { photographs: needed.photographs.min(photographs), ..needed })
+}
+
+/// Refuses training on a dataset of objects where a step would not fit.
+///
+/// # Errors
+/// When there is not enough memory.
+pub fn check_objects(method: &dyn Method, device: &Device, memory: Option<u64>) -> Result<()> {
+    Ok(check_host_memory(method.host_memory(&[]), of_process(device, memory))?)
+}
+
+/// Refuses an extraction for which there is not enough memory.
+///
+/// # Errors
+/// When there is not enough memory.
+pub fn check_extraction(settings: &ExtractSettings, device: &Device, memory: Option<u64>) -> Result<()> {
+    Ok(check_host_memory(settings.memory_estimate(), of_process(device, memory))?)
+}
+
+/// Refuses renders for which there is not enough memory.
+///
+/// # Errors
+/// When there is not enough memory.
+pub fn check_rendering<'a>(
+    cameras: impl Iterator<Item = &'a Camera>,
+    device: &Device,
+    memory: Option<u64>,
+) -> Result<()> {
+    let bytes = cameras.map(rendering_bytes).max().unwrap_or(0);
+    Ok(check_host_memory(bytes, of_process(device, memory))?)
+}
+
+/// `--memory` where it limits the process.
+fn of_process(device: &Device, memory: Option<u64>) -> Option<u64> {
+    memory.filter(|_| !is_gpu(device))
 }

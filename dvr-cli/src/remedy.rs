@@ -4,6 +4,9 @@
 //! environment variables live here alone. One function per error type; variants that hold another library's error pass
 //! it on. A new remedy is one arm and, in `tests/bad_input.rs`, one assertion.
 
+use dvr_core::OutputError;
+use dvr_core::files::FolderKind;
+use dvr_core::number_range::OutOfRange;
 use dvr_report::Diagnostic;
 use dvr_train::{CodesError, Error as TrainError};
 
@@ -34,11 +37,34 @@ fn of_core(error: &dvr_core::Error) -> Option<String> {
             "--ignore VIEW leaves views out; --normalise files takes the place that the files give, where they give one."
                 .into(),
         ),
+        Error::PhotographMemory { .. } => Some(
+            "--memory 2G, say, keeps only as much of them in memory and pages the others; --downscale makes them smaller.".into(),
+        ),
         Error::UnknownCategory { .. } => Some("Name categories with --categories.".into()),
+        Error::Output(error) => Some(of_output(error).into()),
         Error::Scratch { .. } => {
             Some("Set TMPDIR to a folder on a disk with room for them, or allow more with --memory.".into())
         }
         _ => None,
+    }
+}
+
+/// Places that results may not be written to.
+fn of_output(error: &OutputError) -> &'static str {
+    match error {
+        OutputError::InUse { kind: FolderKind::Run, .. } => {
+            "`dvr train --resume` continues the run, --overwrite replaces it; or choose another folder with --out."
+        }
+        OutputError::InUse { .. } => "Replace them with --overwrite, or choose another folder with --out.",
+        OutputError::NotOurs { .. } | OutputError::OtherKind { .. } => {
+            "Give a new or an empty folder with --out. Files that dvr did not write are never replaced."
+        }
+        OutputError::Missing { .. } => "Give the folder of a run with --out, or start the run without --resume.",
+        OutputError::Locked { .. } => "Wait until it is done, or choose another folder with --out.",
+        OutputError::FileThere { .. } => {
+            "Move it away, or give another place with --out. --overwrite replaces a file that was named as an output."
+        }
+        OutputError::AmongData { .. } => "Give a folder beside the data with --out.",
     }
 }
 
@@ -47,7 +73,7 @@ fn of_grid(error: &dvr_grid::Error) -> Option<String> {
     use dvr_grid::Error;
     match error {
         Error::Scene(error) => of_core(error),
-        Error::OutOfRange { key, .. } => Some(format!("Give another value with --set {key}=VALUE.")),
+        Error::OutOfRange(wrong) => Some(another_value(wrong)),
         Error::NoHull => Some("Look at masks and cameras with `dvr info SCENE`.".into()),
         Error::Diverged { .. } => Some(DIVERGED.into()),
         #[cfg(feature = "gpu")]
@@ -56,8 +82,14 @@ fn of_grid(error: &dvr_grid::Error) -> Option<String> {
     }
 }
 
+/// A configuration value that is out of range. Of a list, the whole is given.
+fn another_value(wrong: &OutOfRange) -> String {
+    let key = wrong.key.split("[]").next().unwrap_or_default();
+    format!("Give another value with --set {key}=VALUE.")
+}
+
 /// For any method whose loss is no longer a number.
-const DIVERGED: &str = "The last checkpoint is kept. Train again with a smaller --set learning_rate=VALUE.";
+const DIVERGED: &str = "Train anew with a smaller --set learning_rate=VALUE, and --overwrite or another --out.";
 
 /// Training, run folders and evaluation.
 fn of_train(error: &TrainError) -> Option<String> {
@@ -68,7 +100,10 @@ fn of_train(error: &TrainError) -> Option<String> {
         TrainError::Device(error) => return of_device(error),
         TrainError::Codes(error) => return of_codes(error),
         TrainError::StepMemory { rays, .. } => return Some(less_memory(*rays)),
-        TrainError::OutOfRange { key, .. } => return Some(format!("Give another value with --set {key}=VALUE.")),
+        TrainError::HostMemory { .. } => {
+            "--capacity N (grid), --resolution N, --size N, --set rays=N or --downscale N take less; or allow more with --memory."
+        }
+        TrainError::OutOfRange(wrong) => return Some(another_value(wrong)),
         TrainError::UnknownKey { .. } | TrainError::BadConfig { .. } => {
             "`dvr train --print-config` prints all keys with their values."
         }
@@ -89,9 +124,6 @@ fn of_train(error: &TrainError) -> Option<String> {
         TrainError::BrokenObjects { .. } => "`dvr info` checks an object of a dataset like a scene.",
         TrainError::NothingToCompare { .. } => "`dvr synth` renders datasets with all that baselines need.",
         TrainError::UnknownCategory { .. } => "Name other categories with --categories.",
-        TrainError::FolderInUse { .. } => {
-            "Continue the run with --resume, replace it with --overwrite, or choose another folder with --out."
-        }
         TrainError::NotACheckpoint { .. } => {
             "Give the folder of a run that `dvr train` wrote, or one of its checkpoints."
         }
@@ -99,6 +131,7 @@ fn of_train(error: &TrainError) -> Option<String> {
         TrainError::CheckpointVersion { .. } => "Train again with this version of dvr.",
         TrainError::NoNetwork => "`dvr train --method network` makes a run with a network.",
         TrainError::Diverged { .. } => DIVERGED,
+        TrainError::ViewsGone { .. } => "Put them back, or start anew: leave out --resume, and choose another --out.",
         TrainError::HeldMemory { .. } => {
             "Everything is saved. `dvr train --resume` continues with a larger --memory, or with --backend cpu."
         }

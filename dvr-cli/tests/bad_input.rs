@@ -42,6 +42,18 @@ fn a_missing_image_is_named() {
     train_refuses(&tiny, &["mask"]);
 }
 
+#[test]
+fn a_mesh_is_not_measured_on_views_without_masks_in_silence() {
+    let tiny = Tiny::new();
+    let (scene, mesh) = (tiny.scene(), tiny.path("mesh.ply"));
+    dvr_core::mesh::write_mesh(&mesh, &dvr_core::mesh::shapes::icosphere(2, 0.4)).unwrap();
+    let eval = |more: &[&str]| dvr(&[&["eval", text(&mesh), "--data", text(&scene)], more].concat());
+    assert!(succeeds(&eval(&[])).contains("PSNR"));
+    std::fs::remove_dir_all(scene.join("mask")).unwrap();
+    refuses(&eval(&[]), &["no mask", "--no-views"]);
+    assert!(succeeds(&eval(&["--no-views"])).contains("Chamfer-L1"));
+}
+
 /// Writes the scene's cameras again with one array changed.
 fn change_camera(tiny: &Tiny, name: &str, change: impl Fn(&mut Vec<f64>)) {
     use dvr_core::npz::{Array, NpzFile, write_npz};

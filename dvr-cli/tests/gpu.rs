@@ -6,7 +6,7 @@ mod support;
 use std::process::{Command, Output};
 
 use dvr_core::mesh::{Mesh, read_mesh};
-use dvr_tests::largest;
+use dvr_tests::{largest, test_with};
 use glam::Vec3;
 use support::{Corpus, Tiny, dvr, refuses, succeeds, text};
 
@@ -15,11 +15,6 @@ fn without_driver(args: &[&str]) -> Output {
     let mut command = Command::new(env!("CARGO_BIN_EXE_dvr"));
     command.args(args).env("VK_DRIVER_FILES", "/nowhere").env("VK_ICD_FILENAMES", "/nowhere");
     command.output().unwrap()
-}
-
-/// Whether there is an adapter, be it a software one; where there is none, the test is skipped.
-fn has_adapter() -> bool {
-    dvr_tests::gpu().is_some()
 }
 
 #[test]
@@ -45,11 +40,8 @@ fn a_number_that_no_adapter_has_is_refused() {
     refuses(&dvr(&["mesh", text(&run), "--out", text(&mesh), "--backend", "gpu:one"]), &["dvr devices"]);
 }
 
-#[test]
+#[test_with(gpu)]
 fn the_whole_job_runs_on_a_gpu() {
-    if !has_adapter() {
-        return;
-    }
     let listed = succeeds(&dvr(&["devices"]));
     assert!(listed.contains("gpu:0"), "{listed}");
     let tiny = Tiny::new();
@@ -66,11 +58,8 @@ fn the_whole_job_runs_on_a_gpu() {
     assert!(figures.contains("PSNR"), "{figures}");
 }
 
-#[test]
+#[test_with(gpu)]
 fn a_model_of_many_objects_is_trained_and_meshed_on_a_gpu() {
-    if !has_adapter() {
-        return;
-    }
     let corpus = Corpus::new();
     let trained = corpus.train("there", &["--backend", "gpu", "--steps", "4", "--no-report", "--memory", "100M"]);
     assert!(succeeds(&trained).contains("trained 4 steps"));
@@ -100,11 +89,8 @@ fn a_model_of_many_objects_is_trained_and_meshed_on_a_gpu() {
     assert!(here.faces.len().abs_diff(there.faces.len()) * 50 < here.faces.len() + 50);
 }
 
-#[test]
+#[test_with(gpu)]
 fn a_step_that_exceeds_the_allowed_memory_is_refused_with_one_that_fits() {
-    if !has_adapter() {
-        return;
-    }
     let tiny = Tiny::new();
     let out = tiny.path("refused");
     let large = ["--backend", "gpu", "--set", "rays=4096", "--memory", "18M"];
@@ -112,15 +98,12 @@ fn a_step_that_exceeds_the_allowed_memory_is_refused_with_one_that_fits() {
     refuses(&refused, &["a step takes about", "18 MB are allowed", "--set rays=", "--memory"]);
     refuses(&tiny.train("refused", &["--backend", "gpu", "--memory", "0"]), &["0 MB are allowed", "--backend cpu"]);
     assert!(!out.exists(), "nothing half-written");
-    // On the CPU it means photographs alone.
-    succeeds(&tiny.train("run", &["--memory", "0"]));
+    // On the CPU it means the process.
+    succeeds(&tiny.train("run", &["--memory", "1G"]));
 }
 
-#[test]
+#[test_with(gpu)]
 fn the_grid_method_trains_and_renders_on_a_gpu() {
-    if !has_adapter() {
-        return;
-    }
     let tiny = Tiny::new();
     let (scene, out) = (tiny.scene(), tiny.path("grid"));
     let small = ["--steps", "12", "--capacity", "32", "--set", "rays=128", "--resolution", "32", "--no-report"];
@@ -133,7 +116,8 @@ fn the_grid_method_trains_and_renders_on_a_gpu() {
     assert!(said.contains("computing on gpu:0") && !said.contains("computed on the CPU"), "{said}");
     let [here, there] = ["cpu", "gpu"].map(|backend| {
         let (mesh, frames) = (tiny.path(&format!("{backend}.ply")), tiny.path(backend));
-        let with = ["--backend", backend, "--memory", "50M"];
+        let memory = if backend == "gpu" { "50M" } else { "1G" };
+        let with = ["--backend", backend, "--memory", memory];
         succeeds(&dvr(&[&["mesh", text(&out), "--out", text(&mesh), "--resolution", "16"][..], &with].concat()));
         let render = ["render", text(&out), "--out", text(&frames), "--frames", "2", "--size", "32"];
         succeeds(&dvr(&[&render[..], &with].concat()));

@@ -73,21 +73,37 @@ fn a_stopped_run_resumes_to_the_same_field() {
     assert!(field(&tiny, "whole") == field(&tiny, "parts"), "bit for bit");
 }
 
+/// Bytes that a run like this one takes beside its photographs, as it is estimated.
+fn beside_photographs(tiny: &Tiny, run: &str) -> u64 {
+    let checkpoint = dvr_train::RunFolder::new(tiny.path(run)).load().unwrap();
+    let method = dvr_train::method_of(&checkpoint.header.method).unwrap();
+    let mut scene = dvr_core::Scene::read(tiny.scene()).unwrap();
+    checkpoint.header.views.unwrap().apply(&mut scene).unwrap();
+    let mesh = dvr_train::MeshOptions::with_resolution(32).extraction;
+    dvr_train::HostMemory::of_run(method.as_ref(), &scene, &mesh).rest
+}
+
 #[test]
 fn a_scene_larger_than_the_memory_for_it_gives_the_same_field_and_mesh() {
     let tiny = Tiny::new();
+    let args = ["--steps", "40", "--capacity", "32", "--set", "first_cells=16", "--set", "color_coarseness=1"];
     let results = |run: &str, more: &[&str]| {
-        let args = ["--steps", "40", "--capacity", "32", "--set", "first_cells=16", "--set", "color_coarseness=1"];
         succeeds(&train(&tiny, run, &[&args, more].concat()));
         (field(&tiny, run), std::fs::read(tiny.path(run).join("mesh.ply")).unwrap())
     };
     let in_memory = results("memory", &[]);
-    // Twelve views of 24 x 24 pixels and 4 bytes: none, some, all of them in memory.
-    for budget in ["0", "8k", "1G"] {
+    // Twelve views of 24 x 24 pixels and 4 bytes: none, some, all of them in memory beside everything else.
+    let rest = beside_photographs(&tiny, "memory");
+    let budgets = [rest, rest + 8_000, 1_000_000_000].map(|bytes| bytes.to_string());
+    for budget in &budgets {
         assert!(results(budget, &["--memory", budget]) == in_memory, "--memory {budget}: bit for bit");
     }
+    let less = (rest - 1_000_000).to_string();
+    let scarce = [&args[..], &["--memory", &less]].concat();
+    refuses(&train(&tiny, "less", &scarce), &["MB of memory are needed", "--memory"]);
+    assert!(!tiny.path("less").exists());
     // What comes after training reads the scene as training did.
-    succeeds(&dvr(&["eval", text(&tiny.path("0/scene.dvr")), "--resolution", "32"]));
+    succeeds(&dvr(&["eval", text(&tiny.path(&budgets[0]).join("scene.dvr")), "--resolution", "32"]));
 }
 
 #[test]

@@ -139,7 +139,8 @@ fn an_imported_network_is_trained_further_with_its_scene() {
     let small = ["--time", "0s", "--set", "model.hidden=8", "--set", "march=[{\"from_percent\":0,\"samples\":8}]"];
     let output = dvr(&[&arguments[..], &small[..]].concat());
     assert!(fresh.join("last.ckpt").is_file(), "{}", String::from_utf8_lossy(&output.stderr));
-    let both = ["train", text(&scene), "--out", text(&fresh), "--config", text(&yaml), "--method", "classic"];
+    let other = tiny.path("other");
+    let both = ["train", text(&scene), "--out", text(&other), "--config", text(&yaml), "--method", "classic"];
     refuses(&dvr(&both), &["--method"]);
     std::fs::write(&yaml, "inherit_from: gone.yaml\n").unwrap();
     refuses(&dvr(&["import", text(&file), "--out", "x", "--yaml", text(&yaml)]), &["gone.yaml"]);
@@ -156,7 +157,8 @@ fn codes_choose_among_the_objects_of_a_decoder() {
     succeeds(&dvr(&["import", text(&file), "--out", text(&run), "--codes", text(&codes)]));
     let mesh = tiny.path("mesh.ply");
     let of = |object: &str| {
-        succeeds(&dvr(&["mesh", text(&run), "--object", object, "--out", text(&mesh), "--resolution", "32"]));
+        let mesh_of = ["mesh", text(&run), "--object", object, "--out", text(&mesh), "--resolution", "32"];
+        succeeds(&dvr(&[&mesh_of[..], &["--overwrite"]].concat()));
         height(&mesh)
     };
     let (first, second) = (of("0"), of("1"));
@@ -204,7 +206,15 @@ fn pictures_become_coloured_meshes_and_previews_and_broken_ones_are_left_out() {
     // What is there is kept; an interrupted call goes on.
     std::fs::remove_file(out.join("clear.png")).unwrap();
     assert!(succeeds(&predict(&[])).contains("1 of 4 pictures became meshes"));
-    assert!(succeeds(&predict(&["--overwrite", "--crop", "--background", "white"])).contains("3 of 4 pictures"));
+    assert!(succeeds(&predict(&[])).contains("0 of 4 pictures became meshes"));
+    // Of another picture or other settings, they are made again.
+    let clear = RgbaImage::from_fn(16, 16, |u, v| Rgba([30, 30, 200, if dot(u, v) { 255 } else { 0 }]));
+    write_rgba_png(&pictures.join("clear.png"), &clear).unwrap();
+    assert!(succeeds(&predict(&[])).contains("1 of 4 pictures became meshes"));
+    assert!(succeeds(&predict(&["--crop", "--background", "white"])).contains("3 of 4 pictures"));
+    let record: serde_json::Value =
+        serde_json::from_str(&std::fs::read_to_string(out.join("clear.json")).unwrap()).unwrap();
+    assert!(record["key"]["program"].as_str().is_some_and(|program| program.starts_with("dvr ")), "{record}");
 
     let masks = tiny.path("masks");
     std::fs::create_dir(&masks).unwrap();
@@ -255,13 +265,13 @@ fn a_file_that_is_not_a_reference_checkpoint_is_named() {
 
 #[test]
 fn a_checkpoint_of_the_reference_code_is_exported_as_it_was() {
-    let Some(reference) = fixture("decoder_c0_h64.safetensors") else { return };
+    let reference = fixture("decoder_c0_h64.safetensors");
     let tiny = Tiny::new();
     for name in ["decoder_c0_h64.pt", "decoder_c0_h64_legacy.pt"] {
         let (run, exported) = (tiny.path(name), tiny.path("net.safetensors"));
-        let output = dvr(&["import", text(&fixture(name).unwrap()), "--out", text(&run)]);
+        let output = dvr(&["import", text(&fixture(name)), "--out", text(&run)]);
         assert!(succeeds(&output).contains("with the state of Adam"));
-        succeeds(&dvr(&["export", text(&run), "--out", text(&exported)]));
+        succeeds(&dvr(&["export", text(&run), "--out", text(&exported), "--overwrite"]));
         let bytes = [&exported, &reference].map(|path| std::fs::read(path).unwrap());
         let [ours, theirs] = bytes.each_ref().map(|bytes| SafeTensors::deserialize(bytes).unwrap());
         assert_eq!(ours.len(), theirs.len());

@@ -6,6 +6,10 @@ mod support;
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
+use burn::tensor::Device;
+use dvr_model::{DecoderConfig, EncoderConfig, ImageModelConfig, to_safetensors};
+use dvr_tests::{Entry, max_difference, seeded, write_pytorch};
+use safetensors::{Dtype, SafeTensors};
 use support::{Corpus, Tiny, dvr, refuses, succeeds, text};
 
 #[test]
@@ -46,6 +50,21 @@ fn a_dataset_becomes_a_model_that_is_measured_on_unseen_objects_beside_its_basel
     assert!(String::from_utf8_lossy(&again.stderr).contains("1/1"), "one object was left to do");
     assert_eq!(corpus.read("run/eval_test/summary.csv"), whole);
     refuses(&eval(&["--seed", "1"]), &["objects.jsonl", "seed 0", "--out"]);
+
+    // Rows say what they were made of; one whose object has changed is made again.
+    assert_eq!(corpus.read("run/eval_test/objects.jsonl").matches("\"program\":\"dvr ").count(), 2);
+    assert!(corpus.read("run/eval_test/summary.md").contains("dvr 0"), "the table says where it comes from");
+    let object = corpus.read("data/rings/test.lst").lines().next().unwrap().to_owned();
+    let images = corpus.data().join("rings").join(object).join("image");
+    let original = std::fs::read(images.join("0001.png")).unwrap();
+    std::fs::copy(images.join("0002.png"), images.join("0001.png")).unwrap();
+    let again = eval(&[]);
+    succeeds(&again);
+    let said = String::from_utf8_lossy(&again.stderr).into_owned();
+    assert!(said.contains("1 object(s) are measured again") && said.contains("evaluating objects 1/1"), "{said}");
+    std::fs::write(images.join("0001.png"), original).unwrap();
+    succeeds(&eval(&[]));
+    assert_eq!(corpus.read("run/eval_test/summary.csv"), whole, "the same object, the same figures");
 
     // Beside the baselines.
     let data = corpus.data();
@@ -109,7 +128,16 @@ fn broken_objects_are_left_out_named_once_and_counted() {
     assert!(corpus.read("run/metrics.json").contains("cameras.npz"));
     let run = corpus.path("run");
     let said = succeeds(&dvr(&["eval", text(&run), "--resolution", "16"]));
-    assert!(said.contains("1 object(s) could not be measured") && !said.contains("| rings |"), "{said}");
+    assert!(said.contains("1 object(s) could not be measured") && said.contains("| rings | 0 of 1 |"), "{said}");
+    // The advice for learned codes is for learned codes.
+    std::fs::write(
+        corpus.data().join("balls").join(corpus.read("data/balls/test.lst").trim()).join("cameras.npz"),
+        "x",
+    )
+    .unwrap();
+    let output = dvr(&["eval", text(&run), "--resolution", "16"]);
+    refuses(&output, &["no object could be measured"]);
+    assert!(!String::from_utf8_lossy(&output.stderr).contains("--split train"));
 }
 
 #[test]
@@ -123,6 +151,73 @@ fn three_dimensional_supervision_and_learned_codes_train_too() {
     refuses(&dvr(&["eval", text(&run), "--resolution", "16"]), &["--split train"]);
     let table = succeeds(&dvr(&["eval", text(&run), "--resolution", "16", "--split", "train"]));
     assert!(table.contains("| rings | 3 |"), "{table}");
+}
+
+#[test]
+fn the_encoder_sees_the_inputs_that_it_is_given() {
+    let corpus = Corpus::new();
+    for (inputs, grey) in [("dark", 0), ("bright", 255)] {
+        for object in ["balls", "rings"].iter().flat_map(|category| (0..5).map(move |i| format!("{category}/o{i}"))) {
+            let folder = corpus.path(inputs).join(object).join("rendering");
+            std::fs::create_dir_all(&folder).unwrap();
+            let picture = image::RgbImage::from_pixel(16, 16, image::Rgb([grey; 3]));
+            dvr_core::files::write_rgb_png(&folder.join("00.png"), &picture).unwrap();
+        }
+    }
+    let train = |run: &str, inputs: &str, more: &[&str]| {
+        let inputs = corpus.path(inputs);
+        corpus.train(run, &[&["--inputs", text(&inputs), "--steps", "4", "--no-report"][..], more].concat())
+    };
+    let curve = |inputs: &str| {
+        let run = format!("run-{inputs}");
+        succeeds(&train(&run, inputs, &[]));
+        corpus.curve(&run)
+    };
+    let (dark, bright) = (curve("dark"), curve("bright"));
+    assert!(dark.len() > 1 && dark.len() == bright.len() && dark != bright, "{dark:?}");
+    // A resumed run sees them too.
+    succeeds(&train("parts", "dark", &["--time", "0s"]));
+    succeeds(&dvr(&["train", "--resume", "--out", text(&corpus.path("parts")), "--no-report"]));
+    // Terms that only the first step had are empty columns.
+    let last = |curve: &[Vec<String>]| -> Vec<String> {
+        curve.last().unwrap().iter().filter(|cell| !cell.is_empty()).cloned().collect()
+    };
+    assert_eq!(last(&corpus.curve("parts")), last(&dark));
+    std::fs::remove_dir_all(corpus.path("bright/rings")).unwrap();
+    let told = String::from_utf8_lossy(&train("less", "bright", &[]).stderr).into_owned();
+    assert!(told.contains("rings"), "{told}");
+}
+
+#[test]
+fn a_pretrained_resnet_is_where_the_encoder_starts() {
+    let corpus = Corpus::new();
+    let (name, prefix) = ("encoder.features.layer1.0.conv1.weight", "encoder.features.");
+    let encoder = EncoderConfig::Resnet18 { image_size: 32 };
+    let config = ImageModelConfig { encoder, decoder: DecoderConfig::new().with_code_dim(8).with_hidden(16) };
+    let donor = to_safetensors(&seeded(11, || config.init(&Device::flex())), &config).unwrap();
+    let floats = |bytes: &[u8]| -> Vec<f32> { bytes.as_chunks().0.iter().map(|&b| f32::from_le_bytes(b)).collect() };
+    let file = SafeTensors::deserialize(&donor).unwrap();
+    let trained = floats(file.tensor(name).unwrap().data());
+    let features = file.iter().filter(|(name, tensor)| name.starts_with(prefix) && tensor.dtype() == Dtype::F32);
+    let features =
+        features.map(|(name, tensor)| (name[prefix.len()..].into(), tensor.shape().into(), floats(tensor.data())));
+    let path = corpus.path("resnet18.pth");
+    write_pytorch(&path, &Entry::tensors(features));
+
+    let apart = |run: &str, more: &[&str]| {
+        let resnet = ["--set", "encoder={\"kind\":\"resnet18\",\"image_size\":32}", "--steps", "1", "--no-report"];
+        succeeds(&corpus.train(run, &[&resnet[..], more].concat()));
+        let exported = corpus.path("net.safetensors");
+        succeeds(&dvr(&["export", text(&corpus.path(run).join("last.ckpt")), "--out", text(&exported), "--overwrite"]));
+        let bytes = std::fs::read(exported).unwrap();
+        let file = SafeTensors::deserialize(&bytes).unwrap();
+        max_difference(&floats(file.tensor(name).unwrap().data()), &trained)
+    };
+    let (pretrained, fresh) = (apart("pretrained", &["--pretrained", text(&path)]), apart("fresh", &[]));
+    println!("after a step {pretrained:e} from what was given, {fresh:e} without");
+    // A step of Adam moves a weight by its rate at most.
+    assert!(pretrained < 2e-3 && fresh > 0.01, "{pretrained:e} {fresh:e}");
+    refuses(&corpus.train("x", &["--pretrained", text(&corpus.path("gone.pth"))]), &["gone.pth"]);
 }
 
 #[test]

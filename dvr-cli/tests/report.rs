@@ -7,6 +7,7 @@ use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use dvr_core::mesh::read_mesh;
+use dvr_tests::test_with;
 use support::{Tiny, dvr, refuses, succeeds, text};
 
 /// What no report may weigh.
@@ -51,7 +52,7 @@ fn a_run_writes_a_self_contained_page() {
     assert!(String::from_utf8_lossy(&output.stderr).contains("no views in the report"));
     assert!(!std::fs::read_to_string(&other).unwrap().contains("class=\"compare\""));
     let moved = tiny.path("moved/torus");
-    succeeds(&dvr(&["report", text(&tiny.path("run")), "--out", text(&other), "--data", text(&moved)]));
+    succeeds(&dvr(&["report", text(&tiny.path("run")), "--out", text(&other), "--overwrite", "--data", text(&moved)]));
     assert!(std::fs::read_to_string(&other).unwrap().contains("class=\"compare\""));
 
     refuses(&dvr(&["report", text(&tiny.path("nowhere"))]), &["nowhere"]);
@@ -115,7 +116,7 @@ addEventListener("load", async () => {
 });
 </script>"#;
 
-#[test]
+#[test_with(browser)]
 fn two_runs_side_by_side_work_in_a_browser() {
     let tiny = Tiny::new();
     train(&tiny, "a", &[]);
@@ -124,7 +125,7 @@ fn two_runs_side_by_side_work_in_a_browser() {
     succeeds(&dvr(&["report", text(&tiny.path("a")), text(&tiny.path("b")), "--out", text(&page)]));
     let html = std::fs::read_to_string(&page).unwrap();
     assert!(html.contains("Side by side") && html.contains("2 runs side by side"));
-    let Some(browser) = dvr_tests::browser() else { return };
+    let browser = dvr_tests::browser();
     let visited = tiny.path("visited.html");
     std::fs::write(&visited, html.replace("</head>", &format!("{VISITOR}</head>"))).unwrap();
 

@@ -2,6 +2,8 @@
 
 mod support;
 
+use std::process::Command;
+
 use support::{Tiny, dvr, refuses, succeeds, text};
 
 #[test]
@@ -10,7 +12,7 @@ fn cells_are_judged_and_not_computed_twice() {
     let out = tiny.path("stress");
     let stress = || dvr(&["stress", "--axis", "texture-lies,gradient-scale", "--methods", "hull", "--out", text(&out)]);
     let table = succeeds(&stress());
-    for line in ["| breaks at |", "texture-lies", "scale-free", "**"] {
+    for line in ["| breaks at |", "texture-lies", "scale-free", "**", "dvr 0"] {
         assert!(table.contains(line), "{line} in\n{table}");
     }
     let read = |name: &str| std::fs::read_to_string(out.join(name)).unwrap();
@@ -23,9 +25,26 @@ fn cells_are_judged_and_not_computed_twice() {
     std::fs::remove_file(out.join("cells/texture-lies.4.0.hull.json")).unwrap();
     let again = stress();
     let said = String::from_utf8_lossy(&again.stderr).into_owned();
-    assert!(said.contains("14 cells, 13 of them stored"), "{said}");
+    assert!(said.contains("cells: 13 of 14 are kept; what is missing takes about"), "{said}");
     succeeds(&again);
     assert_eq!(read("results.json"), results);
+    // A scene that was deleted is rendered again, to the same bytes: its cell is kept.
+    let cell = || std::fs::metadata(out.join("cells/texture-lies.16.0.hull.json")).unwrap().modified().unwrap();
+    let before = cell();
+    std::fs::remove_dir_all(out.join("scenes/texture-lies.16.0")).unwrap();
+    succeeds(&stress());
+    assert_eq!((read("results.json"), cell()), (results, before));
+    // A cell of another program is computed again, and says which.
+    let path = out.join("cells/gradient-scale.1.0.scale-free.json");
+    let older = std::fs::read_to_string(&path).unwrap().replace("\"program\": \"dvr", "\"program\": \"older dvr");
+    std::fs::write(&path, older).unwrap();
+    let again = stress();
+    let said = String::from_utf8_lossy(&again.stderr).into_owned();
+    assert!(
+        said.contains("13 of 14 are kept; made again: gradient-scale.1.0.scale-free (of another program)"),
+        "{said}"
+    );
+    assert!(!succeeds(&again).contains("older dvr") && !read("results.csv").contains("older dvr"));
 
     std::fs::write(out.join("cells/texture-lies.4.0.hull.json"), "{").unwrap();
     refuses(&stress(), &["texture-lies.4.0.hull.json is damaged"]);
@@ -48,6 +67,17 @@ fn rivals_are_tested_where_a_method_fails() {
     assert_eq!(rivals, ["mask-grown.1.0.quick.json"], "{table}");
     let row = table.lines().find(|line| line.starts_with("| mask-grown")).unwrap();
     assert!(row.contains("| at once |") && !row.contains("or before"), "{row}");
+}
+
+#[test]
+fn a_list_whose_reader_has_gone_ends_quietly() {
+    for arguments in [&["stress", "--list"][..], &["devices"]] {
+        let (reader, writer) = std::io::pipe().unwrap();
+        drop(reader);
+        let output = Command::new(env!("CARGO_BIN_EXE_dvr")).args(arguments).stdout(writer).output().unwrap();
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success() && !said.contains("panicked"), "{arguments:?}: {said}");
+    }
 }
 
 #[test]

@@ -23,6 +23,9 @@ const LEAF: usize = 8;
 /// bars of a wire frame are summed up one triangle at a time.
 const LONG: f64 = 1.0 / 32.0;
 
+/// Most triangles that splitting may make; a mesh of more than an eighth of it may become eight times as many.
+const MOST_PIECES: usize = 1 << 21;
+
 /// Meshes of fewer triangles than this are not worth splitting.
 const FEW: usize = 256;
 
@@ -119,13 +122,29 @@ impl WindingNumbers {
 }
 
 /// Halves the longest edges until none is long. This changes no solid angle but for rounding.
-fn split_long(mut pending: Vec<[DVec3; 3]>) -> Vec<[DVec3; 3]> {
-    let start = pending[0][0];
-    let corners = pending.iter().flatten();
+///
+/// Where that would make too many triangles, as of a mesh that consists of long ones alone, longer ones are left.
+fn split_long(triangles: Vec<[DVec3; 3]>) -> Vec<[DVec3; 3]> {
+    let start = triangles[0][0];
+    let corners = triangles.iter().flatten();
     let (low, high) = corners.fold((start, start), |(low, high), corner| (low.min(*corner), high.max(*corner)));
-    let limit = ((high - low).length() * LONG).powi(2);
+    let most = MOST_PIECES.max(8 * triangles.len());
+    let mut length = (high - low).length() * LONG;
+    loop {
+        match split_above(triangles.clone(), length * length, most) {
+            Some(short) => return short,
+            None => length *= 2.0,
+        }
+    }
+}
+
+/// The triangles with edges of squared length `limit` at most, or `None` where these are more than `most`.
+fn split_above(mut pending: Vec<[DVec3; 3]>, limit: f64, most: usize) -> Option<Vec<[DVec3; 3]>> {
     let mut short = Vec::with_capacity(pending.len());
     while let Some([a, b, c]) = pending.pop() {
+        if short.len() + pending.len() >= most {
+            return None;
+        }
         let (ab, bc, ca) = (a.distance_squared(b), b.distance_squared(c), c.distance_squared(a));
         // Turned so that the longest edge comes first.
         let [a, b, c] = if ab >= bc.max(ca) {
@@ -142,7 +161,7 @@ fn split_long(mut pending: Vec<[DVec3; 3]>) -> Vec<[DVec3; 3]> {
             short.push([a, b, c]);
         }
     }
-    short
+    Some(short)
 }
 
 /// Makes the node of `triangles[first..end]` and, after it, those of its parts.
@@ -370,5 +389,16 @@ mod tests {
         let mesh =
             Mesh { vertices: vec![Vec3::ZERO, Vec3::X, Vec3::Y], faces: vec![[0, 1, 2]; 1000], ..Mesh::default() };
         assert!(WindingNumbers::new(&mesh).at(Vec3::new(0.2, 0.2, -1.0)) > 0.5);
+    }
+
+    #[test]
+    fn a_mesh_of_long_triangles_alone_does_not_become_too_many() {
+        // 40 000 triangles across the whole cube: split as far as one of them is, they would be 80 million.
+        let corner = |i: u32| Vec3::new((i % 7) as f32, (i % 11) as f32 / 2.0, (i % 13) as f32 / 2.0);
+        let vertices: Vec<Vec3> = (0..2000).map(corner).collect();
+        let faces: Vec<[u32; 3]> = (0..40_000).map(|i| [i % 2000, (7 * i + 3) % 2000, (11 * i + 5) % 2000]).collect();
+        let count = faces.len();
+        let numbers = WindingNumbers::new(&Mesh { vertices, faces, ..Mesh::default() });
+        assert!(numbers.triangles.len() > count && numbers.triangles.len() <= MOST_PIECES);
     }
 }

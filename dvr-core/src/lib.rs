@@ -4,7 +4,7 @@
 //! - [`Scene::read`] reads posed photographs in five layouts ([`dataset`]); the object then lies in the unit cube. What
 //!   masks leave out or have too much of, [`refine_masks`] corrects.
 //! - [`hull`] carves visual hulls from masks, [`voxel`] has grids and the exact walk of a ray through them, [`Bvh`] finds
-//!   where rays meet a mesh, [`Visibility`] which views see it.
+//!   where rays meet a mesh and how far points are from it, [`Visibility`] which views see it.
 //! - [`mesh`] reads and writes meshes, [`synth`] renders them into datasets with depth maps and a true surface.
 //! - [`metrics`] compares pictures and shapes.
 //!
@@ -33,44 +33,56 @@
 mod bilinear;
 mod bvh;
 mod camera;
+mod cancellation;
 pub mod dataset;
 mod distance_transform;
 mod error;
 pub mod files;
+mod folder_kind;
+mod hold_out;
 pub mod hull;
 pub mod inside;
+mod machine_memory;
 mod mask_refinement;
 pub mod mesh;
 pub mod metrics;
 pub mod npz;
+pub mod number_range;
 mod observation;
 mod paged_images;
 mod pixels;
 mod points;
 mod raster;
 mod ray;
+pub mod record;
 pub mod sampling;
 mod scene;
+mod scene_memory;
 mod similarity_fit;
 mod srgb;
 mod supervision;
 pub mod synth;
+mod verified_points;
 mod view_split;
 mod visibility;
 pub mod voxel;
 
 pub use bilinear::{Bilinear, Linear};
-pub use bvh::{Bvh, RayHit};
+pub use bvh::{Bvh, NearestPoint, RayHit};
 pub use camera::{Camera, Similarity};
-pub use error::{CameraError, ComparisonError, Error, NormalisationError, Result};
+pub use cancellation::{Cancellation, Cancelled, Shield};
+pub use error::{CameraError, ComparisonError, Error, NormalisationError, OutputError, Result};
+pub use hold_out::{HOLD_OUT_EVERY, HeldOut};
+pub use machine_memory::available_memory;
 pub use mask_refinement::{MaskReport, RefinedView, refine_masks};
 pub use observation::Observation;
 pub use pixels::{GrayPicture, Picture, PixelStore, stored};
 pub use points::{OccupancySamples, PointCloud};
 pub use raster::{DepthMap, Mask};
 pub use ray::{Ray, UnitCube};
-pub use scene::{GroundTruth, MaskSource, Scene, SparsePoints, Split, View};
+pub use scene::{GroundTruth, MaskSource, Scene, SparsePoints, Split, View, require_masks};
 pub use srgb::{linear_to_srgb, srgb_to_linear};
 pub use supervision::Supervision;
-pub use view_split::ViewSplit;
+pub use verified_points::{TrackSight, Tracks, VerifiedPoints};
+pub use view_split::{ViewNames, ViewSplit};
 pub use visibility::{Sight, Visibility};

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 
 use crate::camera::{Camera, Similarity};
 use crate::error::{Error, Result};
@@ -10,13 +10,13 @@ use crate::pixels::Picture;
 use crate::points::{OccupancySamples, PointCloud};
 use crate::raster::{DepthMap, Mask};
 
-/// What a view may be used for.
+/// What a view may be used for: as the dataset says, or as [`Scene::hold_out`] divides what it leaves open.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Split {
-    /// May be trained on. The trainer may still hold some of these back for validation.
+    /// To be trained on.
     Train,
-    /// Only for choosing between models.
+    /// Only for choices during a run: growth, the end of training, the best checkpoint.
     Val,
     /// Only for the final figures.
     Test,
@@ -51,7 +51,7 @@ pub struct View {
     pub mask_source: MaskSource,
     /// Measured z-depth in object units.
     pub depth: Option<DepthMap>,
-    /// What the dataset says the view is for.
+    /// What the view is for.
     pub split: Split,
 }
 
@@ -95,7 +95,7 @@ impl View {
 ///
 /// # Errors
 /// [`Error::MasksMissing`] naming the views that have none.
-pub(crate) fn require_masks<'a>(views: impl IntoIterator<Item = &'a View>) -> Result<()> {
+pub fn require_masks<'a>(views: impl IntoIterator<Item = &'a View>) -> Result<()> {
     let without = views.into_iter().filter(|view| view.mask.is_none());
     let views: Vec<String> = without.map(|view| view.name.clone()).collect();
     if views.is_empty() { Ok(()) } else { Err(Error::MasksMissing { views }) }
@@ -115,8 +115,14 @@ pub struct GroundTruth {
 pub struct SparsePoints {
     /// The points, in object space.
     pub cloud: PointCloud,
-    /// For each point the views that see it, as ascending indices into [`Scene::views`].
+    /// For each point the views that see it, as ascending indices into [`Scene::views`]; empty lists where the files do not
+    /// say.
     pub visible_in: Vec<Vec<usize>>,
+    /// For each point, in the order of `visible_in`, where the views' pictures show it, as `(x / z, y / z)` in camera
+    /// space; `None` where the files do not say.
+    pub bearings: Option<Vec<Vec<DVec2>>>,
+    /// For each point its reprojection error, in pixels of the files' pictures; `None` where the files do not say.
+    pub errors_px: Option<Vec<f64>>,
 }
 
 /// One object, seen from several sides.
@@ -132,12 +138,19 @@ pub struct Scene {
     pub views: Vec<View>,
     /// Takes object space (the unit cube) to the world of the files. Every export goes through it.
     pub object_to_world: Similarity,
-    /// Points on the object that come with the cameras: COLMAP's model, or `pcl.npz` of the DVR files.
+    /// Points on the object that come with the cameras: COLMAP's model, nerfstudio's PLY, or `pcl.npz` of the DVR files.
     pub sparse_points: Option<SparsePoints>,
     /// The true shape, where the dataset has it.
     pub ground_truth: GroundTruth,
     /// What a user should know before training, in plain words.
     pub warnings: Vec<String>,
+}
+
+impl SparsePoints {
+    /// Whether it is known of any point which views see it.
+    pub fn has_tracks(&self) -> bool {
+        self.visible_in.iter().any(|views| !views.is_empty())
+    }
 }
 
 impl Scene {

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use dvr_core::Observation;
 use dvr_core::mesh::{Mesh, read_mesh, read_mesh_with_warnings, shapes, write_mesh};
-use dvr_test_support::{max_difference, scene};
+use dvr_test_support::{max_difference, scene, test_with};
 use glam::{Vec2, Vec3};
 
 fn coloured_torus() -> Mesh {
@@ -144,9 +144,9 @@ fn files_below(folder: &Path, found: &mut Vec<PathBuf>) {
     }
 }
 
-#[test]
+#[test_with(scene("meshes"))]
 fn models_of_other_programs_are_read_with_their_textures() {
-    let Some(folder) = scene("meshes") else { return };
+    let folder = scene("meshes");
     let mut paths = Vec::new();
     files_below(&folder, &mut paths);
     paths.retain(|p| p.extension().is_some_and(|e| e == "obj" || e == "glb"));
@@ -166,10 +166,9 @@ fn models_of_other_programs_are_read_with_their_textures() {
     assert!(textured > 30 && incomplete < 5, "{textured} {incomplete}");
 }
 
-#[test]
+#[test_with(scene("meshes"))]
 fn spot_is_closed_and_has_the_right_size() {
-    let Some(path) = scene("meshes/spot/spot.obj") else { return };
-    let spot = read_mesh(path).unwrap();
+    let spot = read_mesh(scene("meshes/spot/spot.obj")).unwrap();
     assert_eq!((spot.mesh.vertices.len(), spot.mesh.faces.len()), (2930, 5856));
     assert_eq!(spot.corner_uvs.len(), 5856);
     let texture = spot.materials[spot.face_materials[0] as usize].texture.as_ref().unwrap();

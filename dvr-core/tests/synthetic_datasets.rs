@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use dvr_core::Cancellation;
 use dvr_core::files::{read_depth_exr, read_mask, read_rgb};
 use dvr_core::mesh::{Material, Mesh, TexturedMesh, read_mesh, shapes, write_mesh};
 use dvr_core::npz::NpzFile;
@@ -11,6 +12,7 @@ use dvr_core::synth::{
     SynthConfig, render_corpus, render_dataset,
 };
 use dvr_core::{Camera, DepthMap, Error, Scene};
+use dvr_test_support::test_with;
 use glam::{DMat3, DMat4, DVec2, DVec3, DVec4, Vec2, Vec3};
 
 fn textured(mesh: Mesh) -> TexturedMesh {
@@ -362,7 +364,10 @@ fn a_collection_is_rendered_divided_and_taken_up_again() {
     let config = SynthConfig { views: 2, width: 16, height: 16, ..small() };
     let mut steps = Vec::new();
     let ratios = SplitRatios { val: 0.25, test: 0.25 };
-    let report = render_corpus(&objects, &out, &config, ratios, &mut |done, total| steps.push((done, total))).unwrap();
+    let report = render_corpus(&objects, &out, &config, ratios, &Cancellation::default(), &mut |done, total| {
+        steps.push((done, total))
+    })
+    .unwrap();
     assert_eq!(report.rendered.len(), 4);
     let skipped: Vec<_> = report.skipped.iter().map(|(name, _)| name.as_str()).collect();
     assert_eq!(skipped, ["ball/ball3", "chair/gone"]);
@@ -370,14 +375,24 @@ fn a_collection_is_rendered_divided_and_taken_up_again() {
     let list = |name: &str| std::fs::read_to_string(out.join("ball").join(name)).unwrap().lines().count();
     assert_eq!((list("train.lst"), list("val.lst"), list("test.lst")), (2, 1, 1));
     assert!(std::fs::read_to_string(out.join("metadata.yaml")).unwrap().contains("\"ball\":"));
-    let again = render_corpus(&objects, &out, &config, ratios, &mut quiet).unwrap();
+    let again = render_corpus(&objects, &out, &config, ratios, &Cancellation::default(), &mut quiet).unwrap();
     assert_eq!((again.rendered.len(), again.kept.len(), again.skipped.len()), (0, 4, 2));
-    assert!(render_corpus(&[objects[0].clone(), objects[0].clone()], &out, &config, ratios, &mut quiet).is_err());
+    assert!(
+        render_corpus(
+            &[objects[0].clone(), objects[0].clone()],
+            &out,
+            &config,
+            ratios,
+            &Cancellation::default(),
+            &mut quiet
+        )
+        .is_err()
+    );
 }
 
-#[test]
+#[test_with(scene("rendered/res64"))]
 fn another_renderers_depth_maps_are_met() {
-    let Some(folder) = dvr_test_support::scene("rendered/res64") else { return };
+    let folder = dvr_test_support::scene("rendered/res64");
     for scene in ["bunny", "rods", "plate", "sharp"] {
         let mut files = ReadBack::open(folder.join(scene).join(scene));
         let mesh = read_mesh(files.folder.join("mesh.ply")).unwrap();

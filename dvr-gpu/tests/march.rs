@@ -2,6 +2,7 @@
 
 use burn::tensor::{Device, Int, Tensor, TensorData};
 use dvr_gpu::{Gpu, PackedDecoder, RaySearch, Root, march_decoder};
+use dvr_test_support::test_with;
 
 /// Uniform numbers in `[-1, 1)` (Knuth's linear congruence).
 struct Random(u64);
@@ -174,9 +175,9 @@ fn on_device(network: &Network, rays: &[Ray], search: (usize, Root, usize, bool)
     values.as_chunks().0.to_vec()
 }
 
-#[test]
+#[test_with(gpu)]
 fn the_kernel_finds_what_the_reference_implementation_finds() {
-    let Some(Gpu { device, .. }) = dvr_test_support::gpu(dvr_gpu::open(0)) else { return };
+    let Gpu { device, .. } = dvr_test_support::gpu(dvr_gpu::open(0));
     for (network, search) in [
         (Network::new(32, 2, 0, 0.0, 0), (17, Root::Chandrupatla, 8, false)),
         (Network::new(40, 1, 2, 0.2, 0), (32, Root::Secant, 12, true)),

@@ -7,9 +7,8 @@
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use dvr_core::Scene;
-use dvr_core::ViewSplit;
 use dvr_core::dataset::{ReadOptions, read_scene};
+use dvr_core::{Scene, Split};
 use dvr_grid::{Capacity, GridConfig, GridTrainer, Part};
 use rayon::prelude::*;
 
@@ -35,8 +34,8 @@ fn main() {
 
 fn profile(scene: &Scene, cells: usize, bandwidth: f64) {
     let config = GridConfig { capacity: Capacity::Cells(cells), steps: STEPS, ..GridConfig::default() };
-    let views = ViewSplit::new(scene, config.hold_out_every).expect("enough views");
-    let mut trainer = GridTrainer::new(views, config).expect("the masks show the object");
+    let mut trainer = GridTrainer::new(scene.views_of(Split::Train).collect(), Vec::new(), config)
+        .expect("the masks show the object");
     while trainer.steps_done() < trainer.total_steps() - STEPS {
         trainer.step().expect("the loss is finite");
     }

@@ -1,13 +1,12 @@
 //! The settings of the grid method.
 
-use dvr_core::Supervision;
+use dvr_core::number_range::{OutOfRange, check_config};
+use dvr_core::{HOLD_OUT_EVERY, Supervision};
 use serde::{Deserialize, Serialize};
 
-use crate::error::{Error, Result};
+use crate::config_ranges::MAX_CELLS;
+use crate::error::Result;
 use crate::losses::{ColorLoss, DepthLoss, DetachedColorLoss, GridLosses, PatchNccLoss, PhotoConsistencyLoss};
-
-/// Most cells along an edge: two gigabytes of nodes.
-const MAX_CELLS: usize = 512;
 
 /// Everything that determines a run of the grid method besides the scene. Lengths are in units of the object cube.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -53,9 +52,14 @@ pub struct GridConfig {
     /// Pixels whose depth is looked for all along their way through the hull before training; 0 starts from the hull
     /// as it is. Finds the insides of bowls, which lie too far behind the hull for gradients.
     pub plane_sweep_pixels: usize,
+    /// Cells along an edge of the distance field that stereo fuses before training; 0 starts from the hull as it is.
+    pub stereo_cells: usize,
+    /// How far raw colours may shape the surface.
+    pub trusts_colors: ColorTrust,
     /// Views that may be wrong about the hull.
     pub disagreeing_views: DisagreeingViews,
-    /// One view of this many is held out, where the dataset does not say.
+    /// One view of this many is for testing, and one of twice as many for validation, where the dataset does not say
+    /// ([`dvr_core::Scene::hold_out`]); 0 trains on all.
     pub hold_out_every: usize,
 }
 
@@ -63,18 +67,28 @@ pub struct GridConfig {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Capacity {
-    /// Twice the cells again while that makes held-out views better by at least `min_gain_db`, and cells are larger
+    /// Twice the cells again while that makes validation views better by at least `min_gain_db`, and cells are larger
     /// than half the footprint of a pixel; at most `max_cells`.
     Auto {
-        /// Cells along an edge up to which growth is never taken back: the PSNR of a few held-out views is too noisy.
+        /// Cells along an edge up to which growth is never taken back: the PSNR of a few views is too noisy.
         min_cells: usize,
         /// Most cells along an edge.
         max_cells: usize,
-        /// Gain in PSNR on held-out views below which growth is taken back, dB.
+        /// Gain in PSNR on validation views below which growth is taken back, dB.
         min_gain_db: f64,
     },
     /// This many cells along an edge, whatever it brings.
     Cells(usize),
+}
+
+/// How far terms that compare raw colours may shape the surface.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ColorTrust {
+    /// As far as views agree on colours, measured while the surface is learned: not on what shines, or changes its light.
+    Measured,
+    /// In full.
+    Full,
 }
 
 /// How many masks may be wrong at a point.
@@ -142,8 +156,10 @@ impl GridConfig {
             compared_views: 2,
             neighbours: 6,
             plane_sweep_pixels: 15_000,
+            stereo_cells: 128,
+            trusts_colors: ColorTrust::Measured,
             disagreeing_views: DisagreeingViews::Auto,
-            hold_out_every: 8,
+            hold_out_every: HOLD_OUT_EVERY,
         }
     }
 
@@ -171,33 +187,16 @@ impl GridConfig {
     /// # Errors
     /// Names the key, the value and the range.
     pub fn check(&self) -> Result<()> {
-        self.check_grids()?;
-        if self.rays == 0 || self.compared_views == 0 {
-            return out_of_range("rays or compared_views", 0, "at least 1");
-        }
-        let numbers = [
-            ("shape_rate", self.shape_rate),
-            ("shape_rate_ratio", self.shape_rate_ratio),
-            ("color_rate", self.color_rate),
-            ("color_rate_ratio", self.color_rate_ratio),
-            ("final_rate", self.final_rate),
-        ];
-        match numbers.into_iter().find(|(_, value)| !(*value >= 0.0 && value.is_finite())) {
-            Some((name, value)) => out_of_range(name, value, "zero or positive"),
-            None => self.losses.check(),
-        }
+        check_config(self, &Self::ranges())?;
+        self.check_grids()
     }
 
     /// Checks that the grids fit into each other.
     fn check_grids(&self) -> Result<()> {
         let is_doubled = |cells: usize, first: usize| {
-            first > 0
-                && cells >= first
-                && cells.is_multiple_of(first)
-                && (cells / first).is_power_of_two()
-                && cells <= MAX_CELLS
+            cells >= first && cells.is_multiple_of(first) && (cells / first).is_power_of_two() && cells <= MAX_CELLS
         };
-        if self.coarsest_cells == 0 || !is_doubled(self.first_cells, self.coarsest_cells) {
+        if !is_doubled(self.first_cells, self.coarsest_cells) {
             let range = format!("coarsest_cells ({}) times a power of two, at most {MAX_CELLS}", self.coarsest_cells);
             return out_of_range("first_cells", self.first_cells, &range);
         }
@@ -217,5 +216,5 @@ impl GridConfig {
 }
 
 fn out_of_range(key: &str, value: impl std::fmt::Display, range: &str) -> Result<()> {
-    Err(Error::OutOfRange { key: key.into(), value: value.to_string(), range: range.into() })
+    Err(OutOfRange::new(key, value, range).into())
 }

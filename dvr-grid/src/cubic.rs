@@ -92,22 +92,35 @@ mod tests {
     #[test]
     fn agrees_with_dense_sampling() {
         let mut rng = ChaCha8Rng::seed_from_u64(1);
-        let samples = 2000;
-        for _ in 0..20_000 {
-            let c: Cubic =
-                std::array::from_fn(
-                    |i| if i == 0 { -rng.random::<f32>() * 0.2 } else { rng.random::<f32>() * 4.0 - 2.0 },
-                );
-            match (first_crossing(&c), sampled(&c, samples)) {
-                (Some(found), Some(expected)) => {
-                    assert!(found <= expected + 1e-5, "{c:?}: {found} after {expected}");
-                    assert!(evaluate(&c, found).abs() < 1e-5, "{c:?}: {}", evaluate(&c, found));
+        // How far below zero a cubic starts at most, and how steep it is.
+        for (depth, steepness) in [(0.2, 2.0), (2.0, 2.0), (1.0, 30.0)] {
+            let tolerance = 1e-5 * steepness;
+            for _ in 0..5_000 {
+                let mut coefficient = || (2.0 * rng.random::<f32>() - 1.0) * steepness;
+                let [b, c, d] = [coefficient(), coefficient(), coefficient()];
+                let c: Cubic = [-rng.random::<f32>() * depth, b, c, d];
+                match (first_crossing(&c), sampled(&c, 1000)) {
+                    (Some(found), Some(expected)) => {
+                        assert!(found <= expected + 1e-5, "{c:?}: {found} after {expected}");
+                        assert!(evaluate(&c, found).abs() < tolerance, "{c:?}: {}", evaluate(&c, found));
+                    }
+                    (None, Some(expected)) => panic!("{c:?}: missed {expected}"),
+                    // Between two samples the cubic may touch zero and fall again.
+                    (Some(found), None) => assert!(evaluate(&c, found).abs() < tolerance, "{c:?}"),
+                    (None, None) => {}
                 }
-                (None, Some(expected)) => panic!("{c:?}: missed {expected}"),
-                // Between two samples the cubic may touch zero and fall again.
-                (Some(found), None) => assert!(evaluate(&c, found).abs() < 1e-5, "{c:?}"),
-                (None, None) => {}
             }
+        }
+    }
+
+    #[test]
+    fn one_bernstein_coefficient_above_zero_is_enough_for_a_crossing() {
+        // Each rises above zero and falls below it again, and all but one coefficient are below zero.
+        for (c, at) in
+            [([-0.5, 9.0, -40.0, 30.0], 0.087), ([-1.0, 2.9, -2.0, -0.1], 0.604), ([-0.5, 0.0, 31.5, -31.5], 0.135)]
+        {
+            let found = first_crossing(&c).unwrap_or_else(|| panic!("{c:?} has a crossing"));
+            assert!((found - at).abs() < 2e-3 && evaluate(&c, found).abs() < 1e-5, "{c:?}: {found}");
         }
     }
 

@@ -6,19 +6,15 @@ pub type Result<T> = std::result::Result<T, Error>;
 /// What went wrong.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
+    /// Somebody wanted the work to end.
+    #[error("{0}")]
+    Cancelled(#[from] dvr_core::Cancelled),
     /// The scene cannot be used.
     #[error(transparent)]
     Scene(#[from] dvr_core::Error),
     /// A configuration value is out of range.
-    #[error("`{key}` is {value}, it must be {range}")]
-    OutOfRange {
-        /// The key in the configuration.
-        key: String,
-        /// Its value.
-        value: String,
-        /// What it may be.
-        range: String,
-    },
+    #[error(transparent)]
+    OutOfRange(#[from] dvr_core::number_range::OutOfRange),
     /// No point of space is object in all masks.
     #[error("the masks have no visual hull in common: no point of space is object in all of them")]
     NoHull,

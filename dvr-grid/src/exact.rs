@@ -30,8 +30,8 @@ mod tests {
     #[test]
     fn no_bit_is_lost_on_the_way_through_text() {
         for psnr in [183.0 / 7.0, f64::INFINITY, 1.0 / 3.0, 0.1 + 19.2] {
-            let held_out = Some(ViewMetrics { psnr, mask_iou: 0.1 + 0.2, pixels: 7 });
-            let reached = Reached { cells: 32, parameters: 5, bytes: 6, held_out };
+            let validation = Some(ViewMetrics { psnr, mask_iou: 0.1 + 0.2, pixels: 7 });
+            let reached = Reached { cells: 32, parameters: 5, bytes: 6, validation };
             let text = serde_json::to_string(&reached).unwrap();
             assert_eq!(serde_json::from_str::<Reached>(&text).unwrap(), reached);
         }

@@ -1,11 +1,10 @@
 //! No more model than the scene needs: when the grids grow, and when growth is taken back.
 
-use dvr_core::UnitCube;
+use dvr_core::{UnitCube, View};
 use serde::{Deserialize, Serialize};
 
 use crate::config::{Capacity, GridConfig};
 use crate::multires::Grids;
-use dvr_core::ViewSplit;
 use dvr_render::ViewMetrics;
 
 /// A cell that is smaller than this share of a pixel's footprint cannot show more than the pictures do.
@@ -18,7 +17,7 @@ pub(crate) struct Reached {
     pub parameters: usize,
     pub bytes: usize,
     #[serde(with = "super::exact")]
-    pub held_out: Option<ViewMetrics>,
+    pub validation: Option<ViewMetrics>,
 }
 
 /// What to do after a stage.
@@ -41,11 +40,11 @@ pub(crate) struct Growth {
 
 impl Growth {
     /// Plans as many stages as the configuration and the pictures allow.
-    pub fn plan(config: &GridConfig, views: &ViewSplit) -> Self {
+    pub fn plan(config: &GridConfig, train: &[&View]) -> Self {
         let limit = match config.capacity {
             Capacity::Cells(cells) => cells,
             Capacity::Auto { max_cells, .. } => {
-                let useful = 2.0 * UnitCube::default().half_extent() / (FINEST_CELL * median_footprint(views));
+                let useful = 2.0 * UnitCube::default().half_extent() / (FINEST_CELL * median_footprint(train));
                 max_cells.min(useful as usize)
             }
         };
@@ -58,6 +57,11 @@ impl Growth {
         Self { max_cells, stages, reached: Vec::new(), kept: None, notes: Vec::new() }
     }
 
+    /// Most cells along an edge.
+    pub fn max_cells(&self) -> usize {
+        self.max_cells
+    }
+
     /// Stages that there will be, as far as is known.
     pub fn stages(&self) -> usize {
         self.stages
@@ -65,8 +69,9 @@ impl Growth {
 
     /// Decides after a stage.
     pub fn decide(&mut self, config: &GridConfig, now: Reached) -> Verdict {
-        let Reached { cells, parameters, bytes, held_out } = now;
-        let metrics = held_out.map_or(String::new(), |h| format!(", held-out {:.2} dB, IoU {:.4}", h.psnr, h.mask_iou));
+        let Reached { cells, parameters, bytes, validation } = now;
+        let metrics =
+            validation.map_or(String::new(), |v| format!(", validation {:.2} dB, IoU {:.4}", v.psnr, v.mask_iou));
         self.notes.push(format!("{cells} cells: {parameters} parameters in training, {bytes} bytes stored{metrics}"));
         let before = self.reached.last().copied();
         self.reached.push(now);
@@ -82,7 +87,7 @@ impl Growth {
         }
         if let (Capacity::Auto { min_cells, min_gain_db, .. }, Some(before)) = (config.capacity, before)
             && cells > min_cells
-            && let (Some(old), Some(new)) = (before.held_out, held_out)
+            && let (Some(old), Some(new)) = (before.validation, validation)
         {
             let gain = new.psnr - old.psnr;
             if gain < min_gain_db {
@@ -91,6 +96,12 @@ impl Growth {
             }
         }
         if 2 * cells > self.max_cells { Verdict::Stay } else { Verdict::Grow }
+    }
+
+    /// Takes the last decision back: what followed from it was stopped half-way.
+    pub fn undecide(&mut self) {
+        self.reached.pop();
+        self.notes.clear();
     }
 
     /// Keeps a stage's result while the next one is tried.
@@ -120,9 +131,8 @@ impl Growth {
 }
 
 /// Edge of a pixel at the distance of the object, in object units: the median over views.
-fn median_footprint(views: &ViewSplit) -> f64 {
-    let mut footprints: Vec<f64> = views
-        .train
+fn median_footprint(train: &[&View]) -> f64 {
+    let mut footprints: Vec<f64> = train
         .iter()
         .map(|view| {
             let focal = 0.5 * (view.camera.intrinsics.x_axis.x.abs() + view.camera.intrinsics.y_axis.y.abs());

@@ -3,7 +3,7 @@
 //! The field is an occupancy logit and a colour, interpolated between the nodes of two grids. It starts from the visual
 //! hull, with hollows carved where a plane sweep shows them. Rays meet its surface exactly, at the first root of the
 //! cubic that a trilinear cell is along a ray; the gradients of all losses are analytic, and move parameters on nested
-//! grids from coarse to fine. Stages of twice the cells follow while held-out views get better.
+//! grids from coarse to fine. Stages of twice the cells follow while validation views get better.
 //!
 //! A mesh is rendered from a few sides here, and reconstructed:
 //!
@@ -19,14 +19,16 @@
 //! let torus = TexturedMesh { mesh: shapes::torus(1.0, 0.45, 32, 16), ..TexturedMesh::default() };
 //! let config = SynthConfig { views: 12, width: 32, height: 32, ..SynthConfig::default() };
 //! render_dataset(&torus, "torus", "rings", &folder, &config, &|_, _| ())?;
-//! let scene = read_scene(&folder.join("rings/torus"), &ReadOptions::default())?;
+//! let mut scene = read_scene(&folder.join("rings/torus"), &ReadOptions::default())?;
 //!
 //! let config = GridConfig { steps: 50, capacity: Capacity::Cells(32), ..GridConfig::default() };
-//! let mut trainer = GridTrainer::new(ViewSplit::new(&scene, config.hold_out_every)?, config)?;
+//! scene.hold_out(config.hold_out_every);
+//! let views = ViewSplit::of(&scene)?;
+//! let mut trainer = GridTrainer::new(views.train, views.validation, config)?;
 //! while trainer.steps_done() < trainer.total_steps() {
 //!     trainer.step()?;
 //! }
-//! let metrics = trainer.validate(10_000).expect("a view is held out");
+//! let metrics = trainer.validate(10_000).expect("a view validates");
 //! println!("{:.1} dB, IoU {:.3}", metrics.psnr, metrics.mask_iou);
 //! assert!(metrics.mask_iou > 0.8);
 //! # std::fs::remove_dir_all(&folder)?;
@@ -41,7 +43,9 @@
 mod active;
 mod clock;
 mod color;
+mod color_trust;
 mod config;
+mod config_ranges;
 mod constants;
 mod cubic;
 mod error;
@@ -51,22 +55,25 @@ pub mod field;
 mod gpu;
 mod growth;
 pub mod losses;
+mod memory_estimate;
 mod multires;
 mod occupancy;
 mod patch;
+mod pinhole;
 mod pixel_order;
 mod refinement;
 mod report;
 mod start;
 mod state;
 mod step;
+mod stereo;
 mod trainer;
 mod views;
 mod wrong_masks;
 
 pub use active::ActiveNodes;
 pub use clock::{Part, PartTimes};
-pub use config::{Capacity, DisagreeingViews, GridConfig};
+pub use config::{Capacity, ColorTrust, DisagreeingViews, GridConfig};
 pub use error::{Error, Result};
 #[cfg(feature = "gpu")]
 pub use field::GpuGridField;

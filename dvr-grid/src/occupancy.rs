@@ -205,6 +205,22 @@ mod tests {
     }
 
     #[test]
+    fn one_node_inside_marks_the_cells_around_it_and_no_others() {
+        // Rows are stored in words of 64 cells.
+        let grid = VoxelGrid::new(81, 0.55);
+        for x in [10, 63, 64, 65] {
+            let mut values = vec![-1.0; grid.len()];
+            values[grid.index([x, 10, 50])] = 1.0;
+            let mask = OccupancyBitmask::new(&grid, &values);
+            assert_eq!(mask.range, [[x - 1, 9, 49], [x + 1, 11, 51]], "{x}");
+            for cell in x - 2..=x + 1 {
+                assert_eq!(mask.is_marked([cell, 9, 50]), (x - 1..=x).contains(&cell), "cell {cell} of node {x}");
+            }
+            assert!([[x, 8, 50], [x, 11, 50], [x, 9, 48], [x, 9, 51]].iter().all(|&cell| !mask.is_marked(cell)), "{x}");
+        }
+    }
+
+    #[test]
     fn crossings_of_noise_are_those_of_dense_sampling() {
         for (nodes, offset) in [(9, 0.9), (20, 0.98), (67, 0.999), (65, 0.9)] {
             let (grid, values) = noise(nodes, offset, nodes as u64);

@@ -1,14 +1,15 @@
 //! The grids of each stage: those of the first from the visual hull, those of the next from what was learned.
 
-use dvr_core::UnitCube;
 use dvr_core::hull::MaskDistance;
 use dvr_core::voxel::VoxelGrid;
+use dvr_core::{Cancellation, Cancelled, UnitCube};
 
 use crate::active::ActiveNodes;
 use crate::color;
 use crate::config::GridConfig;
 use crate::multires::{ColorGrid, Grids, ShapeGrid, prolonged};
 use crate::start::{SpaceCarving, add_hull_detail, hull_start};
+use crate::stereo::FusedDistance;
 use crate::views::TrainingView;
 
 /// How near to the surface a node learns where not all do, in nodes.
@@ -18,26 +19,47 @@ const BAND_NODES: usize = 3;
 pub(crate) struct Refinement {
     masks: Vec<MaskDistance>,
     carving: Option<SpaceCarving>,
+    fused: Option<FusedDistance>,
+    cancellation: Cancellation,
     /// Where colours start.
     pub mean_color: [f32; 3],
 }
 
 impl Refinement {
     /// Carves what photographs show to be empty out of the hull, where the shape learns from them.
-    pub fn new(masks: Vec<MaskDistance>, views: &[TrainingView], mean_color: [f32; 3], config: &GridConfig) -> Self {
-        let start = Self { masks, carving: None, mean_color };
-        if config.steps == 0 || config.plane_sweep_pixels == 0 || !config.losses.has_cross_view() {
-            return start;
+    ///
+    /// # Errors
+    /// [`Cancelled`] where somebody wants it to end, here and in what follows.
+    pub fn new(
+        masks: Vec<MaskDistance>,
+        views: &[TrainingView],
+        mean_color: [f32; 3],
+        config: &GridConfig,
+        cancellation: &Cancellation,
+    ) -> Result<Self, Cancelled> {
+        let start = Self { masks, carving: None, fused: None, cancellation: cancellation.clone(), mean_color };
+        if config.steps == 0 || !config.losses.has_cross_view() {
+            return Ok(start);
         }
-        let grid = padded_cube(config.first_cells);
-        let (hull, _) = start.hull(&grid, config);
-        Self { carving: SpaceCarving::sweep(views, &grid, &hull, config.plane_sweep_pixels), ..start }
+        let mut carving = None;
+        if config.plane_sweep_pixels > 0 {
+            let grid = padded_cube(config.first_cells);
+            let (hull, _) = start.hull(&grid, config)?;
+            carving = SpaceCarving::sweep(views, &grid, &hull, config.plane_sweep_pixels, cancellation)?;
+        }
+        let mut fused = None;
+        if config.stereo_cells > 1 {
+            let grid = padded_cube(config.stereo_cells / 2);
+            let (hull, _) = start.hull(&grid, config)?;
+            fused = FusedDistance::of_stereo(views, &grid, &hull, config.stereo_cells, cancellation)?;
+        }
+        Ok(Self { carving, fused, ..start })
     }
 
     /// Distance to the hull at every node, less what is carved, and the nodes at which the shape may change.
-    fn hull(&self, grid: &VoxelGrid, config: &GridConfig) -> (Vec<f32>, ActiveNodes) {
+    fn hull(&self, grid: &VoxelGrid, config: &GridConfig) -> Result<(Vec<f32>, ActiveNodes), Cancelled> {
         let disagreeing = config.disagreeing_views.of(self.masks.len());
-        hull_start(&self.masks, grid, disagreeing, self.carving.as_ref())
+        hull_start(&self.masks, grid, disagreeing, self.carving.as_ref(), self.fused.as_ref(), &self.cancellation)
     }
 
     /// Distances of the masks' outlines, in the order of the training views.
@@ -46,43 +68,50 @@ impl Refinement {
     }
 
     /// The grids of the first stage.
-    pub fn first(&self, config: &GridConfig) -> Grids {
+    pub fn first(&self, config: &GridConfig) -> Result<Grids, Cancelled> {
         let grid = padded_cube(config.first_cells);
-        let (base, active) = self.hull(&grid, config);
+        let (base, active) = self.hull(&grid, config)?;
         let coarser = (grid.cells() / config.coarsest_cells).ilog2() as usize;
         let shape = ShapeGrid::new(active, base, coarser);
         let active = coarsened(shape.active(), config.color_coarseness);
         let base = color::constant(self.mean_color).repeat(active.grid().len());
         // Two levels of colour: the finest and one coarser.
-        Grids { shape, color: ColorGrid::new(active, base, 1) }
+        Ok(Grids { shape, color: ColorGrid::new(active, base, 1) })
     }
 
     /// Grids of twice the cells. Beyond `whole_cells`, only what is near the surface goes on learning.
-    pub fn refined(&self, grids: &Grids, config: &GridConfig) -> Grids {
+    pub fn refined(&self, grids: &Grids, config: &GridConfig) -> Result<Grids, Cancelled> {
         let cells = 2 * grids.cells();
         if cells > config.whole_cells {
             return self.on_frozen_base(grids, grids.shape.values(), grids.color.values(), config);
         }
-        let (base, active) = self.hull(&padded_cube(cells), config);
+        let (base, active) = self.hull(&padded_cube(cells), config)?;
         let shape = grids.shape.refined(active, base);
         let base = color::constant(self.mean_color).repeat((cells / config.color_coarseness + 1).pow(3));
         let color = grids.color.refined(coarsened(shape.active(), config.color_coarseness), base);
-        Grids { shape, color }
+        Ok(Grids { shape, color })
     }
 
     /// Grids of twice the cells that start from what was learned, `shape` and `color`, and only move what is near the
     /// surface.
-    pub fn on_frozen_base(&self, grids: &Grids, shape: &[f32], color: &[f32], config: &GridConfig) -> Grids {
+    pub fn on_frozen_base(
+        &self,
+        grids: &Grids,
+        shape: &[f32],
+        color: &[f32],
+        config: &GridConfig,
+    ) -> Result<Grids, Cancelled> {
         let grid = padded_cube(2 * grids.cells());
         let mut base = prolonged::<1>(shape, &grid);
         let near = ActiveNodes::near_surface(&grid, &base, BAND_NODES);
-        add_hull_detail(&self.masks, &near, config.disagreeing_views.of(self.masks.len()), &mut base);
+        let disagreeing = config.disagreeing_views.of(self.masks.len());
+        add_hull_detail(&self.masks, &near, disagreeing, &mut base, &self.cancellation)?;
         let near_color = coarsened(&near, config.color_coarseness);
         let color = prolonged::<{ color::CHANNELS }>(color, near_color.grid());
-        Grids {
+        Ok(Grids {
             color: ColorGrid::on_frozen_base(near_color, color, grids.color.coarser() + 1),
             shape: ShapeGrid::on_frozen_base(near, base, grids.shape.coarser() + 1),
-        }
+        })
     }
 }
 

@@ -23,6 +23,8 @@ pub(crate) struct Progress {
     pub has_kept: bool,
     pub finished: bool,
     pub rays_drawn: u64,
+    /// How far raw colours count, as the bits of a number.
+    pub color_trust: u64,
 }
 
 fn broken(problem: impl std::fmt::Display) -> Error {

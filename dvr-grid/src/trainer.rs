@@ -2,12 +2,13 @@
 
 use burn::tensor::Device;
 use dvr_core::hull::MaskDistance;
-use dvr_core::{UnitCube, ViewSplit};
+use dvr_core::{Cancellation, Cancelled, UnitCube, View, require_masks};
 use dvr_render::{SlopeRule, ViewMetrics, is_gpu, view_metrics};
 use rayon::prelude::*;
 
 use crate::clock::PartTimes;
-use crate::config::GridConfig;
+use crate::color_trust;
+use crate::config::{ColorTrust, GridConfig};
 use crate::error::{Error, Result};
 use crate::field::GridField;
 use crate::growth::{Growth, Reached, Verdict};
@@ -20,13 +21,17 @@ use crate::step::{CpuBackend, REPORT_EVERY, StepBackend, StepInput};
 use crate::views::{TrainingView, mean_object_color};
 use crate::wrong_masks::leave_out_wrong_masks;
 
-/// Pixels of held-out views that decide about growth.
+/// Pixels of validation views that decide about growth.
 const GROWTH_PIXELS: usize = 30_000;
 
 /// A grid field in training.
 pub struct GridTrainer<'a> {
     config: GridConfig,
-    views: ViewSplit<'a>,
+    /// The same with the weights of the losses as they are now.
+    weighted: GridConfig,
+    /// How far raw colours may shape the surface.
+    color_trust: f64,
+    validation: Vec<&'a View>,
     packed: Vec<TrainingView<'a>>,
     refinement: Refinement,
     order: PixelOrder,
@@ -40,41 +45,59 @@ pub struct GridTrainer<'a> {
     growth: Growth,
     finished: bool,
     notes: Vec<String>,
+    cancellation: Cancellation,
     times: PartTimes,
 }
 
 impl<'a> GridTrainer<'a> {
-    /// Starts from the visual hull.
+    /// Starts from the visual hull of `train`, the views that are learned from. `validation` decides how fine the field
+    /// becomes, and nothing else; without these views it becomes as fine as the pictures and the configuration allow.
     ///
     /// # Errors
     /// When the configuration does not make sense, a view has no mask, or the masks show no object.
-    pub fn new(mut views: ViewSplit<'a>, config: GridConfig) -> Result<Self> {
+    pub fn new(train: Vec<&'a View>, validation: Vec<&'a View>, config: GridConfig) -> Result<Self> {
+        Self::start(train, validation, config, &Cancellation::default())
+    }
+
+    /// The same; what takes long, here and at the end of a stage, ends where `cancellation` says so. A stage whose end
+    /// was stopped so ends when the run is resumed.
+    ///
+    /// # Errors
+    /// As [`GridTrainer::new`]; [`Error::Cancelled`] where somebody wants it to end.
+    pub fn start(
+        mut train: Vec<&'a View>,
+        validation: Vec<&'a View>,
+        config: GridConfig,
+        cancellation: &Cancellation,
+    ) -> Result<Self> {
         config.check()?;
-        views.require_masks()?;
-        let notes = leave_out_wrong_masks(&mut views, &config)?;
-        let masks: Vec<MaskDistance> = (views.train.par_iter())
+        require_masks(train.iter().chain(&validation).copied())?;
+        let notes = leave_out_wrong_masks(&mut train, &config)?;
+        let masks: Vec<MaskDistance> = (train.par_iter())
             .filter_map(|view| view.training_pair())
-            .map(|(camera, mask)| MaskDistance::new(camera, mask))
-            .collect();
-        let packed = TrainingView::pack(&views.train, config.neighbours);
-        let mean_color = mean_object_color(&views.train).to_array();
-        let refinement = Refinement::new(masks, &packed, mean_color, &config);
-        let grids = refinement.first(&config);
+            .map(|(camera, mask)| cancellation.check().map(|()| MaskDistance::new(camera, mask)))
+            .collect::<std::result::Result<_, Cancelled>>()?;
+        let packed = TrainingView::pack(&train, config.neighbours);
+        let mean_color = mean_object_color(&train).to_array();
+        let refinement = Refinement::new(masks, &packed, mean_color, &config, cancellation)?;
+        let grids = refinement.first(&config)?;
         // Pixels whose rays come as close to the object as the band around the hull.
         let spacing = f64::from(grids.shape.grid().spacing());
         let margin = |view: usize| {
-            let camera = &views.train[view].camera;
+            let camera = &train[view].camera;
             let depth = camera.center().length().max(UnitCube::default().half_extent());
             (4.0 * spacing * camera.intrinsics.x_axis.x.abs() / depth) as f32 + 1.0
         };
-        let order = PixelOrder::new(&views.train, refinement.masks(), margin);
+        let order = PixelOrder::new(&train, refinement.masks(), margin);
         if order.is_empty() || grids.shape.active().count() == 0 {
             return Err(Error::NoHull);
         }
-        let growth = Growth::plan(&config, &views);
+        let growth = Growth::plan(&config, &train);
         Ok(Self {
+            weighted: config.clone(),
+            color_trust: 1.0,
             config,
-            views,
+            validation,
             packed,
             refinement,
             order,
@@ -86,6 +109,7 @@ impl<'a> GridTrainer<'a> {
             growth,
             finished: false,
             notes,
+            cancellation: cancellation.clone(),
             times: PartTimes::default(),
         })
     }
@@ -113,11 +137,6 @@ impl<'a> GridTrainer<'a> {
     /// The configuration.
     pub fn config(&self) -> &GridConfig {
         &self.config
-    }
-
-    /// The views, divided.
-    pub fn views(&self) -> &ViewSplit<'a> {
-        &self.views
     }
 
     /// Parameters of all levels of shape and colour.
@@ -148,7 +167,11 @@ impl<'a> GridTrainer<'a> {
             return Err(Error::Diverged { step: report.step, value: report.loss });
         }
         if self.step == self.end_of_stage() {
-            self.end_stage()?;
+            match self.end_stage() {
+                // The stage ends when the run is resumed.
+                Err(Error::Cancelled(_)) => {}
+                ended => ended?,
+            }
         }
         Ok(report)
     }
@@ -161,9 +184,28 @@ impl<'a> GridTrainer<'a> {
     /// Carries out one step; its losses are those of the last step that was asked for them.
     fn carry_out(&mut self) -> Result<StepReport> {
         let is_last = self.step + 1 == self.end_of_stage();
+        let within = self.step - self.stage * self.config.steps;
+        if self.config.trusts_colors == ColorTrust::Measured
+            && self.step > 0
+            && within.is_multiple_of(color_trust::EVERY)
+        {
+            let mut unused = PartTimes::default();
+            let trust = self.backend.color_trust(&StepInput {
+                config: &self.weighted,
+                views: &self.packed,
+                order: &self.order,
+                rays_drawn: self.rays_drawn,
+                mean_color: self.refinement.mean_color,
+                decay: 1.0,
+                slope_rule: SlopeRule::default(),
+                is_reported: false,
+                times: &mut unused,
+            })?;
+            self.trust_colors(trust);
+        }
         let decay = self.decay();
         let input = StepInput {
-            config: &self.config,
+            config: &self.weighted,
             views: &self.packed,
             order: &self.order,
             rays_drawn: self.rays_drawn,
@@ -178,7 +220,13 @@ impl<'a> GridTrainer<'a> {
         self.step += 1;
         self.rays_drawn += self.config.rays as u64;
         let sums = self.sums.unwrap_or_default();
-        Ok(StepReport::new(self.step, &self.config, &sums, self.config.shape_rate * decay))
+        Ok(StepReport::new(self.step, &self.weighted, &sums, self.config.shape_rate * decay))
+    }
+
+    /// Lets raw colours shape the surface this far.
+    fn trust_colors(&mut self, trust: f64) {
+        self.color_trust = trust;
+        self.weighted.losses = self.config.losses.trusting_colors(trust);
     }
 
     /// Factor of the step sizes: falls exponentially to `final_rate` in each stage.
@@ -194,11 +242,13 @@ impl<'a> GridTrainer<'a> {
             cells: grids.cells(),
             parameters: grids.parameters(),
             bytes: grids.field_bytes()?.len(),
-            held_out: view_metrics(&grids.field(), &self.views.held_out, GROWTH_PIXELS),
+            validation: view_metrics(&grids.field(), &self.validation, GROWTH_PIXELS),
         };
+        self.cancellation.check()?;
         match self.growth.decide(&self.config, reached) {
             Verdict::Grow => {
                 let next = self.refinement.refined(&grids, &self.config);
+                let next = next.inspect_err(|_| self.growth.undecide())?;
                 self.growth.keep(grids.into_owned());
                 self.backend.upload(next)?;
                 self.stage += 1;
@@ -225,9 +275,9 @@ impl<'a> GridTrainer<'a> {
         if self.finished { self.step } else { self.config.steps.saturating_mul(self.growth.stages()) }
     }
 
-    /// Metrics on about this many pixels of the held-out views; `None` where none are held out.
+    /// Metrics on about this many pixels of the validation views; `None` where there are none.
     pub fn validate(&self, pixels: usize) -> Option<ViewMetrics> {
-        view_metrics(&self.field().ok()?, &self.views.held_out, pixels)
+        view_metrics(&self.field().ok()?, &self.validation, pixels)
     }
 
     /// Enough to go on later.
@@ -244,6 +294,7 @@ impl<'a> GridTrainer<'a> {
             has_kept: kept.is_some(),
             finished: self.finished,
             rays_drawn: self.rays_drawn,
+            color_trust: self.color_trust.to_bits(),
         };
         let training = state::to_bytes(&progress, &grids, kept)?;
         Ok(TrainerState { model: grids.field_bytes()?, training })
@@ -256,6 +307,10 @@ impl<'a> GridTrainer<'a> {
     pub fn resume(&mut self, state: &TrainerState, steps: usize) -> Result<()> {
         let progress = state::progress(&state.training)?;
         let (mut grids, mut kept) = (self.backend.grids()?.into_owned(), None);
+        // Before any grid is made: cells are memory by their cube.
+        if progress.cells > self.config.last_cells().max(grids.cells()) {
+            return Err(state::misfit());
+        }
         // A stage that was taken back left its number, not its cells.
         while grids.cells() < progress.cells {
             let is_last = 2 * grids.cells() == progress.cells;
@@ -265,9 +320,9 @@ impl<'a> GridTrainer<'a> {
                     if (shape.len(), color.len()) != (grids.shape.values().len(), grids.color.values().len()) {
                         return Err(state::misfit());
                     }
-                    self.refinement.on_frozen_base(&grids, &shape, &color, &self.config)
+                    self.refinement.on_frozen_base(&grids, &shape, &color, &self.config)?
                 }
-                _ => self.refinement.refined(&grids, &self.config),
+                _ => self.refinement.refined(&grids, &self.config)?,
             };
             kept = Some(std::mem::replace(&mut grids, next));
         }
@@ -277,9 +332,12 @@ impl<'a> GridTrainer<'a> {
             state::restore(&state.training, state::KEPT, kept)?;
         }
         self.stage = progress.stage;
+        self.trust_colors(f64::from_bits(progress.color_trust));
         self.growth.resume(progress.reached, kept);
         (self.finished, self.rays_drawn, self.step) = (progress.finished, progress.rays_drawn, steps);
-        self.backend.upload(grids)
+        self.backend.upload(grids)?;
+        let is_cut_short = !self.finished && steps > 0 && steps == self.end_of_stage();
+        if is_cut_short { self.end_stage() } else { Ok(()) }
     }
 
     /// What was decided since the last time, for people.
@@ -289,71 +347,4 @@ impl<'a> GridTrainer<'a> {
 }
 
 #[cfg(test)]
-mod tests {
-    use std::path::Path;
-
-    use dvr_core::dataset::{ReadOptions, read_scene};
-    use dvr_core::mesh::{TexturedMesh, shapes};
-    use dvr_core::synth::{SynthConfig, render_dataset};
-
-    use super::*;
-    use crate::Capacity;
-
-    /// A small scene of a torus.
-    fn scene(folder: &Path) -> dvr_core::Scene {
-        let torus = TexturedMesh { mesh: shapes::torus(1.0, 0.45, 32, 16), ..TexturedMesh::default() };
-        let few = SynthConfig { views: 8, width: 32, height: 32, ..SynthConfig::default() };
-        render_dataset(&torus, "torus", "rings", folder, &few, &|_, _| ()).unwrap();
-        read_scene(&folder.join("rings/torus"), &ReadOptions::default()).unwrap()
-    }
-
-    #[test]
-    fn a_field_does_not_depend_on_the_number_of_threads() {
-        let folder = tempfile::tempdir().unwrap();
-        let scene = scene(folder.path());
-        let field = |threads: usize| {
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            pool.install(|| {
-                let views = ViewSplit::new(&scene, 0).unwrap();
-                let config = GridConfig { steps: 20, capacity: Capacity::Cells(64), ..GridConfig::default() };
-                let mut trainer = GridTrainer::new(views, config).unwrap();
-                while trainer.steps_done() < trainer.total_steps() {
-                    trainer.step().unwrap();
-                }
-                trainer.state().unwrap()
-            })
-        };
-        let (one, three) = (field(1), field(3));
-        assert!(one.model == three.model && one.training == three.training, "bit for bit");
-    }
-
-    #[test]
-    fn a_run_goes_on_from_any_step_as_if_it_had_not_stopped() {
-        let folder = tempfile::tempdir().unwrap();
-        let scene = scene(folder.path());
-        // Stages of 16 cells, which learn as a whole, and of 32 and 64, which learn near the surface.
-        let config = GridConfig {
-            steps: 4,
-            first_cells: 16,
-            whole_cells: 16,
-            color_coarseness: 1,
-            capacity: Capacity::Cells(64),
-            ..GridConfig::default()
-        };
-        let start = || GridTrainer::new(ViewSplit::new(&scene, 0).unwrap(), config.clone()).unwrap();
-        let mut unbroken = start();
-        let mut states = Vec::new();
-        for _ in 0..12 {
-            unbroken.step().unwrap();
-            states.push(unbroken.state().unwrap());
-        }
-        let last = &states[11];
-        for (done, state) in states.iter().enumerate().map(|(i, state)| (i + 1, state)) {
-            let mut resumed = start();
-            resumed.resume(state, done).unwrap();
-            (done..12).for_each(|_| drop(resumed.step().unwrap()));
-            let end = resumed.state().unwrap();
-            assert!(end.model == last.model && end.training == last.training, "from step {done}, bit for bit");
-        }
-    }
-}
+mod tests;

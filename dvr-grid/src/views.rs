@@ -1,18 +1,14 @@
 //! Photographs as the trainer reads them: projections in f32, neighbours, and the pixels where they are.
 
 use dvr_core::{Bilinear, Mask, View};
-use glam::{Mat3, Vec2, Vec3};
+use glam::{Vec2, Vec3};
+
+use crate::pinhole::Pinhole;
 
 /// One training view. Its pixels are the scene's own.
 #[derive(Clone, Debug)]
 pub(crate) struct TrainingView<'a> {
-    /// Where the camera stands.
-    pub center: Vec3,
-    /// Pixel coordinates (and 1) to a ray direction of unit z-depth.
-    to_direction: Mat3,
-    /// `K R` and `K t`.
-    projection: Mat3,
-    offset: Vec3,
+    pub camera: Pinhole,
     width: u32,
     height: u32,
     /// Red, green and blue.
@@ -52,7 +48,7 @@ impl<'a> TrainingView<'a> {
     /// Prepares views; each gets at most `neighbours` neighbours.
     pub fn pack(views: &[&'a View], neighbours: usize) -> Vec<Self> {
         let mut packed: Vec<Self> = views.iter().map(|view| Self::new(view)).collect();
-        let toward: Vec<Vec3> = packed.iter().map(|view| view.center.normalize_or_zero()).collect();
+        let toward: Vec<Vec3> = packed.iter().map(|view| view.camera.center.normalize_or_zero()).collect();
         for (i, view) in packed.iter_mut().enumerate() {
             let cosine = |j: usize| toward[i].dot(toward[j]);
             let mut others: Vec<usize> =
@@ -64,13 +60,9 @@ impl<'a> TrainingView<'a> {
     }
 
     fn new(view: &'a View) -> Self {
-        let camera = &view.camera;
         let (width, height) = view.image.dimensions();
         Self {
-            center: camera.center().as_vec3(),
-            to_direction: (camera.rotation.transpose() * camera.intrinsics.inverse()).as_mat3(),
-            projection: (camera.intrinsics * camera.rotation).as_mat3(),
-            offset: (camera.intrinsics * camera.translation).as_vec3(),
+            camera: Pinhole::new(&view.camera),
             width,
             height,
             colors: view.image.as_raw().as_chunks().0,
@@ -100,12 +92,7 @@ impl<'a> TrainingView<'a> {
 
     /// Direction of unit z-depth through the centre of a pixel.
     pub fn direction(&self, u: u32, v: u32) -> Vec3 {
-        self.to_direction * Vec3::new(u as f32 + 0.5, v as f32 + 0.5, 1.0)
-    }
-
-    /// Direction of unit z-depth through a place in the picture.
-    pub fn direction_through(&self, pixel: Vec2) -> Vec3 {
-        self.to_direction * pixel.extend(1.0)
+        self.camera.direction_through(Vec2::new(u as f32 + 0.5, v as f32 + 0.5))
     }
 
     /// Columns and rows.
@@ -113,19 +100,14 @@ impl<'a> TrainingView<'a> {
         [self.width, self.height]
     }
 
-    /// Side of a pixel at the distance of the object's middle, object units.
-    pub fn footprint(&self) -> f32 {
-        self.to_direction.x_axis.length() * self.center.length()
-    }
-
     /// As kernels read it.
     #[cfg(feature = "gpu")]
     pub fn record(&self) -> crate::gpu::views::ViewRecord {
         crate::gpu::views::ViewRecord {
-            center: self.center.to_array(),
-            to_direction: self.to_direction.to_cols_array(),
-            projection: self.projection.to_cols_array(),
-            offset: self.offset.to_array(),
+            center: self.camera.center.to_array(),
+            to_direction: self.camera.to_direction.to_cols_array(),
+            projection: self.camera.projection.to_cols_array(),
+            offset: self.camera.offset.to_array(),
             width: self.width,
             height: self.height,
             first_pixel: 0,
@@ -163,16 +145,10 @@ impl<'a> TrainingView<'a> {
         is_object.then(|| color(self.colors[(v * self.width + u) as usize]))
     }
 
-    /// Pixel coordinates and z-depth of a point.
-    pub fn project(&self, point: Vec3) -> (Vec2, f32) {
-        let q = self.projection * point + self.offset;
-        (Vec2::new(q.x, q.y) / q.z, q.z)
-    }
-
     /// The colour at the projection of a point, and its derivative as the point moves along `direction`; `None` where
     /// the view does not show the object in all four pixels around.
     pub fn reproject(&self, point: Vec3, direction: Vec3) -> Option<Reprojection> {
-        let (pixel, z) = self.project(point);
+        let (pixel, z) = self.camera.project(point);
         if z <= 0.0 {
             return None;
         }
@@ -182,7 +158,7 @@ impl<'a> TrainingView<'a> {
         }
         let colors = at.pixels.map(|(u, v)| color(self.colors[(v * self.width + u) as usize]));
         let [by_x, by_y] = at.derivatives(colors);
-        let moved = self.projection * direction;
+        let moved = self.camera.projection * direction;
         let flow = (Vec2::new(moved.x, moved.y) - pixel * moved.z) / z;
         Some(Reprojection { color: at.value(colors), derivative: by_x * flow.x + by_y * flow.y })
     }

@@ -1,26 +1,25 @@
 //! Masks that are wrong as a whole: their views are left out.
 
 use dvr_core::hull::wrong_masks;
-use dvr_core::{Camera, Mask, UnitCube};
+use dvr_core::{Camera, Mask, UnitCube, View};
 
 use crate::config::{DisagreeingViews, GridConfig};
 use crate::error::Result;
-use dvr_core::ViewSplit;
 
 /// Takes views out whose masks show something else than most of the others; says which. Every view has a mask.
 ///
 /// # Errors
 /// When a mask has another size than its view's picture.
-pub(crate) fn leave_out_wrong_masks(views: &mut ViewSplit, config: &GridConfig) -> Result<Vec<String>> {
+pub(crate) fn leave_out_wrong_masks(train: &mut Vec<&View>, config: &GridConfig) -> Result<Vec<String>> {
     if config.disagreeing_views != DisagreeingViews::Auto {
         return Ok(Vec::new());
     }
-    let pairs: Vec<(&Camera, &Mask)> = views.train.iter().filter_map(|view| view.training_pair()).collect();
+    let pairs: Vec<(&Camera, &Mask)> = train.iter().filter_map(|view| view.training_pair()).collect();
     let wrong = wrong_masks(&pairs, UnitCube::default().into())?;
     let mut notes = Vec::with_capacity(wrong.len());
     // From the last on, so that the places of the others hold.
     for &view in wrong.iter().rev() {
-        let name = &views.train.remove(view).name;
+        let name = &train.remove(view).name;
         notes.push(format!("the mask of view `{name}` shows something else than the others; the view is left out"));
     }
     notes.reverse();
@@ -30,8 +29,8 @@ pub(crate) fn leave_out_wrong_masks(views: &mut ViewSplit, config: &GridConfig) 
 #[cfg(test)]
 mod tests {
     use dvr_core::mesh::{TexturedMesh, shapes};
+    use dvr_core::stored;
     use dvr_core::synth::{MeshRenderer, SynthConfig, place_cameras};
-    use dvr_core::{View, stored};
 
     use super::*;
 
@@ -52,9 +51,9 @@ mod tests {
     fn a_view_whose_mask_shows_something_else_is_left_out_unless_all_are_to_be_believed() {
         let mut views = views();
         let left = |views: &[View], config: &GridConfig| {
-            let mut split = ViewSplit { train: views.iter().collect(), held_out: Vec::new() };
-            let notes = leave_out_wrong_masks(&mut split, config).unwrap();
-            (split.train.len(), notes)
+            let mut train: Vec<&View> = views.iter().collect();
+            let notes = leave_out_wrong_masks(&mut train, config).unwrap();
+            (train.len(), notes)
         };
         assert_eq!(left(&views, &GridConfig::default()), (16, vec![]));
         views[6].mask.as_mut().unwrap().coverage.pixels_mut().for_each(|pixel| pixel.0[0] = 255 - pixel.0[0]);

@@ -5,6 +5,7 @@ use burn::module::Module;
 use burn::nn::{Initializer, Linear, LinearConfig};
 use burn::tensor::activation::{leaky_relu, relu};
 use burn::tensor::{Device, Int, Tensor};
+use dvr_core::number_range::{NumberRange, whole};
 use dvr_render::gather_rows;
 
 use crate::encoding;
@@ -30,6 +31,21 @@ pub struct DecoderConfig {
 }
 
 impl DecoderConfig {
+    /// The range of every number.
+    pub const RANGES: &[NumberRange] =
+        &[whole("code_dim", 0, 4096), whole("hidden", 1, 4096), whole("blocks", 0, 64), whole("octaves", 0, 16)];
+
+    /// How many numbers the decoder has; no layer counts as none, so that a file of few bytes has few layers.
+    pub fn parameters(&self) -> u64 {
+        let hidden = self.hidden.max(1) as u64;
+        let linear = |input: u64, output: u64| input.saturating_add(1).saturating_mul(output);
+        let first = linear((self.octaves as u64).saturating_mul(6).saturating_add(3), hidden);
+        let code = if self.code_dim > 0 { linear(self.code_dim as u64, hidden) } else { 0 };
+        let block = linear(hidden, hidden).saturating_mul(2).saturating_add(code);
+        let blocks = block.saturating_mul(self.blocks as u64);
+        first.saturating_add(blocks).saturating_add(linear(hidden, 4))
+    }
+
     /// Fresh parameters. The second layer of each block starts at zero, so that every block starts as the identity.
     pub fn init(&self, device: &Device) -> Decoder {
         let linear = |input, output| LinearConfig::new(input, output).init(device);

@@ -1,6 +1,6 @@
 //! Why a network cannot be read or written.
 
-use crate::image_model::OutOfRange;
+use dvr_core::number_range::OutOfRange;
 
 /// Why a network cannot be read or written.
 #[derive(Debug, thiserror::Error)]
@@ -71,6 +71,14 @@ pub enum RecordError {
         found: Vec<usize>,
         /// The shape that fits, or what it must be like.
         expected: String,
+    },
+    /// The configuration asks for more than the file holds.
+    #[error("the network that the header describes has {expected} numbers, and the file holds {found}")]
+    TooFewNumbers {
+        /// Numbers in the file.
+        found: u64,
+        /// Numbers of the network, at least.
+        expected: u64,
     },
     /// A network's tensors that are not in the file.
     #[error("tensor {:?} is missing{}", names.first().map_or("", String::as_str), more(names.len()))]

@@ -2,6 +2,7 @@
 
 use burn::module::Module;
 use burn::tensor::{Device, Int, Tensor};
+use dvr_core::number_range::{NumberRange, OutOfRange, check_config, nested};
 use serde::{Deserialize, Serialize};
 
 use crate::conditioned::Conditioned;
@@ -25,47 +26,34 @@ impl Default for ImageModelConfig {
     }
 }
 
-/// A configuration value that no model can have.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{key} is {value}; it must be {range}")]
-pub struct OutOfRange {
-    /// The key, with dots, below the model's own configuration.
-    pub key: &'static str,
-    /// What it says.
-    pub value: usize,
-    /// What it may say.
-    pub range: &'static str,
-}
-
-/// Side of the smallest image that a ResNet-18 is given: it halves five times.
-const SMALLEST_RESNET_IMAGE: usize = 16;
-
-/// Side of the largest image; memory grows with its square.
-const LARGEST_IMAGE: usize = 4096;
-
 impl ImageModelConfig {
+    /// The range of every number.
+    pub fn ranges() -> Vec<NumberRange> {
+        [nested("encoder", EncoderConfig::RANGES), nested("decoder", DecoderConfig::RANGES)].concat()
+    }
+
     /// Checks that a model can be made of it.
     ///
     /// # Errors
     /// Names the first value that is out of range.
     pub fn check(&self) -> Result<(), OutOfRange> {
-        let check = |ok: bool, key, value, range| if ok { Ok(()) } else { Err(OutOfRange { key, value, range }) };
-        let decoder = &self.decoder;
-        check(decoder.code_dim > 0, "decoder.code_dim", decoder.code_dim, "at least 1 (the paper's is 256)")?;
-        check(decoder.hidden > 0, "decoder.hidden", decoder.hidden, "at least 1")?;
-        check(decoder.octaves <= 16, "decoder.octaves", decoder.octaves, "at most 16")?;
-        match self.encoder {
-            EncoderConfig::Resnet18 { image_size } => {
-                let fits = (SMALLEST_RESNET_IMAGE..=LARGEST_IMAGE).contains(&image_size);
-                check(fits, "encoder.image_size", image_size, "between 16 and 4096 pixels")
-            }
-            EncoderConfig::Convolutional { image_size, width } => {
-                let fits = (Convolutional::SMALLEST_IMAGE..=LARGEST_IMAGE).contains(&image_size);
-                check(fits, "encoder.image_size", image_size, "between 63 and 4096 pixels")?;
-                check((1..=1024).contains(&width), "encoder.width", width, "between 1 and 1024")
-            }
-            EncoderConfig::Codes { .. } => Ok(()),
+        check_config(self, &Self::ranges())?;
+        let code_dim = self.decoder.code_dim;
+        if code_dim == 0 {
+            return Err(OutOfRange::new("decoder.code_dim", code_dim, "at least 1 (the paper's is 256)"));
         }
+        match self.encoder {
+            EncoderConfig::Convolutional { image_size, .. } if image_size < Convolutional::SMALLEST_IMAGE => {
+                let range = format!("at least {} for the convolutional encoder", Convolutional::SMALLEST_IMAGE);
+                Err(OutOfRange::new("encoder.image_size", image_size, range))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// How many numbers the model has at least.
+    pub fn parameters(&self) -> u64 {
+        self.decoder.parameters().saturating_add(self.encoder.parameters(self.decoder.code_dim))
     }
 
     /// A model with fresh parameters.

@@ -65,6 +65,6 @@ pub use decoder::{Decoder, DecoderConfig, ResnetBlock};
 pub use encoder::{BasicBlock, Codes, Convolutional, Encoder, EncoderConfig, Resnet18, Resnet18Features};
 pub use error::RecordError;
 pub use fused::FusedDecoder;
-pub use image_model::{ImageModel, ImageModelConfig, OutOfRange};
+pub use image_model::{ImageModel, ImageModelConfig};
 pub use pytorch::{AdamMoments, Imported, ImportedNetwork, PytorchCheckpoint, load_pretrained, read_pytorch};
 pub use record::{FORMAT_VERSION, NetworkConfig, from_safetensors, load_safetensors, save_safetensors, to_safetensors};

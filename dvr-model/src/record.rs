@@ -32,6 +32,9 @@ pub trait NetworkConfig: Serialize + DeserializeOwned {
     /// What the header calls it.
     const FORMAT: &'static str;
 
+    /// How many numbers the network has at least. A file that holds fewer is refused before a network is made.
+    fn parameters(&self) -> u64;
+
     /// A network with fresh parameters.
     fn fresh(&self, device: &Device) -> Self::Network;
 
@@ -45,6 +48,10 @@ pub trait NetworkConfig: Serialize + DeserializeOwned {
 impl NetworkConfig for DecoderConfig {
     type Network = Decoder;
     const FORMAT: &'static str = "dvr-decoder";
+
+    fn parameters(&self) -> u64 {
+        Self::parameters(self)
+    }
 
     fn fresh(&self, device: &Device) -> Decoder {
         self.init(device)
@@ -68,6 +75,10 @@ impl NetworkConfig for DecoderConfig {
 impl NetworkConfig for ImageModelConfig {
     type Network = ImageModel;
     const FORMAT: &'static str = "dvr-image-model";
+
+    fn parameters(&self) -> u64 {
+        Self::parameters(self)
+    }
 
     fn fresh(&self, device: &Device) -> ImageModel {
         self.init(device)
@@ -113,6 +124,10 @@ pub fn from_safetensors<C: NetworkConfig>(bytes: &[u8], device: &Device) -> Resu
     let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(RecordError::damaged)?;
     let config: C = read_header(metadata.metadata().as_ref().unwrap_or(&HashMap::new()))?;
     let file = SafeTensors::deserialize(bytes).map_err(RecordError::damaged)?;
+    let found = file.iter().map(|(_, tensor)| tensor.shape().iter().product::<usize>() as u64).sum();
+    if config.parameters() > found {
+        return Err(RecordError::TooFewNumbers { found, expected: config.parameters() });
+    }
     let tensors = file.iter().map(|(name, tensor)| {
         let dtype = match tensor.dtype() {
             Dtype::F32 => DType::F32,
@@ -143,7 +158,7 @@ pub fn save_safetensors<C: NetworkConfig>(path: &Path, network: &C::Network, con
 /// # Errors
 /// When the file cannot be read or does not hold this kind of network.
 pub fn load_safetensors<C: NetworkConfig>(path: &Path, device: &Device) -> Result<(C, C::Network), RecordError> {
-    let bytes = std::fs::read(path).map_err(|e| dvr_core::Error::io(path, e))?;
+    let bytes = dvr_core::files::read_bytes(path)?;
     from_safetensors(&bytes, device)
 }
 
@@ -238,8 +253,10 @@ mod tests {
             Err(RecordError::Damaged { .. })
         ));
         assert!(matches!(from_safetensors::<DecoderConfig>(b"", &device), Err(RecordError::Damaged { .. })));
-        let wrong = to_safetensors(&decoder, &DecoderConfig::new().with_hidden(9).with_blocks(1)).unwrap();
-        assert!(matches!(from_safetensors::<DecoderConfig>(&wrong, &device), Err(RecordError::Shape { .. })));
+        let less = to_safetensors(&decoder, &DecoderConfig::new().with_hidden(7).with_blocks(1)).unwrap();
+        assert!(matches!(from_safetensors::<DecoderConfig>(&less, &device), Err(RecordError::Shape { .. })));
+        let more = to_safetensors(&decoder, &DecoderConfig::new().with_hidden(9).with_blocks(1)).unwrap();
+        assert!(matches!(from_safetensors::<DecoderConfig>(&more, &device), Err(RecordError::TooFewNumbers { .. })));
         let fewer = to_safetensors(&decoder, &DecoderConfig::new().with_hidden(8).with_blocks(0)).unwrap();
         assert!(matches!(from_safetensors::<DecoderConfig>(&fewer, &device), Err(RecordError::UnknownTensors { .. })));
     }

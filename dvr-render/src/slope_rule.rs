@@ -120,4 +120,12 @@ mod tests {
         assert_eq!(rule.inverse_slope_of(0.0, 0.0), 0.0);
         assert_eq!(SlopeRule::CLASSIC.scale_free_epsilon(), None);
     }
+
+    #[test]
+    fn the_clamp_of_the_reference_code_begins_below_its_epsilon_and_loses_the_sign() {
+        let epsilon = 1e-3f32;
+        for (slope, clamped) in [(-epsilon, -epsilon), (-0.9 * epsilon, epsilon), (0.0, epsilon), (2.0, 2.0)] {
+            assert_eq!(SlopeRule::CLASSIC.inverse_slope_of(slope, 1.0), clamped.recip(), "{slope}");
+        }
+    }
 }

@@ -18,25 +18,42 @@ pub struct Rendering {
     pub normal: Rgb32FImage,
 }
 
+/// Rays that are shaded together, about: a large picture is rendered in bands of rows, so that its rays take little
+/// memory beside it.
+const BAND_RAYS: u32 = 1 << 20;
+
+/// Bytes of a pixel of a rendering, and of the pictures that are made of it.
+const PIXEL_BYTES: u64 = 48;
+
+/// Bytes of a ray and what it shows.
+const RAY_BYTES: u64 = 160;
+
+/// Bytes that rendering what `camera` sees takes at most, about.
+pub fn rendering_bytes(camera: &Camera) -> u64 {
+    let pixels = u64::from(camera.width) * u64::from(camera.height);
+    pixels * PIXEL_BYTES + pixels.min(u64::from(BAND_RAYS.max(camera.width))) * RAY_BYTES
+}
+
 /// Renders what `camera` sees.
 pub fn render_view(shader: &dyn Shader, camera: &Camera) -> Rendering {
     let (width, height) = (camera.width, camera.height);
-    let rays: Vec<Ray> =
-        (0..height).flat_map(|v| (0..width).map(move |u| (u, v))).map(|(u, v)| camera.pixel_ray(u, v)).collect();
-    let shaded = shader.shade(&rays);
     let mut rendering = Rendering {
         color: Rgb32FImage::from_pixel(width, height, image::Rgb([1.0; 3])),
         mask: Mask::from(GrayImage::new(width, height)),
-        depth: DepthMap { width, height, z_depth: vec![f32::INFINITY; rays.len()] },
+        depth: DepthMap { width, height, z_depth: vec![f32::INFINITY; width as usize * height as usize] },
         normal: Rgb32FImage::new(width, height),
     };
-    for (i, shaded) in shaded.into_iter().enumerate() {
-        if let Some(shaded) = shaded {
-            let (u, v) = (i as u32 % width, i as u32 / width);
+    let rows = (BAND_RAYS / width.max(1)).max(1);
+    for top in (0..height).step_by(rows as usize) {
+        let bottom = height.min(top + rows);
+        let pixels = || (top..bottom).flat_map(|v| (0..width).map(move |u| (u, v)));
+        let rays: Vec<Ray> = pixels().map(|(u, v)| camera.pixel_ray(u, v)).collect();
+        for ((u, v), shaded) in pixels().zip(shader.shade(&rays)) {
+            let Some(shaded) = shaded else { continue };
             rendering.color.put_pixel(u, v, image::Rgb(shaded.color));
             rendering.normal.put_pixel(u, v, image::Rgb(shaded.normal));
             rendering.mask.coverage.put_pixel(u, v, image::Luma([255]));
-            rendering.depth.z_depth[i] = shaded.depth;
+            rendering.depth.z_depth[v as usize * width as usize + u as usize] = shaded.depth;
         }
     }
     rendering

@@ -5,7 +5,7 @@ use dvr_core::metrics::picture::psnr_of_error;
 use dvr_core::{Ray, View};
 use serde::{Deserialize, Serialize};
 
-/// Agreement with held-out pixels.
+/// Agreement with the pixels of views.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ViewMetrics {
     /// Peak signal-to-noise ratio in dB, both pictures on white.

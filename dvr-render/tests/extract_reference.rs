@@ -12,8 +12,8 @@ use support::array;
 use support::decoder::Decoder;
 use support::topology::{area, assert_watertight, euler_characteristic, volume};
 
-fn decoder() -> Option<Decoder> {
-    fixture("decoder_c0_h64.safetensors").map(|path| Decoder::open(&path))
+fn decoder() -> Decoder {
+    Decoder::open(&fixture("decoder_c0_h64.safetensors"))
 }
 
 fn points(flat: &[f64]) -> Vec<DVec3> {
@@ -30,12 +30,12 @@ struct Reference {
 }
 
 impl Reference {
-    fn both() -> Option<[Self; 2]> {
-        let file = fixture("extract_render_c0_h64.npz")?;
-        Some([
+    fn both() -> [Self; 2] {
+        let file = fixture("extract_render_c0_h64.npz");
+        [
             Self { file: file.clone(), name: "mise", cells: 32, upsampling_steps: 1 },
             Self { file, name: "dense", cells: 23, upsampling_steps: 0 },
-        ])
+        ]
     }
 
     fn array<T: support::FromNumber>(&self, key: &str) -> Vec<T> {
@@ -56,7 +56,7 @@ impl Reference {
 
 #[test]
 fn the_plain_decoder_computes_what_the_reference_code_does() {
-    let Some((decoder, file)) = decoder().zip(fixture("decoder_eval_c0_h64.npz")) else { return };
+    let (decoder, file) = (decoder(), fixture("decoder_eval_c0_h64.npz"));
     let expected: Vec<f32> = array(&file, "out");
     let at: Vec<f32> = array(&file, "p");
     let ours = at.chunks_exact(3).flat_map(|p| decoder.forward(Vec3::from_slice(p)));
@@ -67,7 +67,7 @@ fn the_plain_decoder_computes_what_the_reference_code_does() {
 
 #[test]
 fn values_at_the_nodes_are_those_of_the_reference_code_where_it_evaluated_them() {
-    let Some((decoder, [mise, dense])) = decoder().zip(Reference::both()) else { return };
+    let (decoder, [mise, dense]) = (decoder(), Reference::both());
     for reference in [mise, dense] {
         let nodes = reference.cells + 1;
         let position = |k: usize| 1.1 * (k as f32 / reference.cells as f32 - 0.5);
@@ -88,7 +88,7 @@ fn values_at_the_nodes_are_those_of_the_reference_code_where_it_evaluated_them()
 
 #[test]
 fn without_refinement_vertices_are_those_of_the_reference_code() {
-    let Some((decoder, references)) = decoder().zip(Reference::both()) else { return };
+    let (decoder, references) = (decoder(), Reference::both());
     for reference in references {
         let extraction = reference.extract(&decoder, 0);
         assert_watertight(&extraction.mesh);
@@ -112,7 +112,7 @@ fn without_refinement_vertices_are_those_of_the_reference_code() {
 
 #[test]
 fn colors_are_those_of_the_reference_code() {
-    let Some((decoder, references)) = decoder().zip(Reference::both()) else { return };
+    let (decoder, references) = (decoder(), Reference::both());
     for reference in references {
         let mesh = reference.extract(&decoder, 0).mesh;
         let theirs: Vec<u8> = reference.array("colors_rgba");
@@ -130,7 +130,7 @@ fn colors_are_those_of_the_reference_code() {
 
 #[test]
 fn refinement_puts_the_vertices_on_the_level_set() {
-    let Some((decoder, [mise, _])) = decoder().zip(Reference::both()) else { return };
+    let (decoder, [mise, _]) = (decoder(), Reference::both());
     let logits = |steps| {
         let mesh = mise.extract(&decoder, steps).mesh;
         let logits = decoder.logits(&mesh.vertices);
@@ -144,7 +144,7 @@ fn refinement_puts_the_vertices_on_the_level_set() {
 
 #[test]
 fn refining_finds_the_whole_fitted_shape() {
-    let Some(decoder) = decoder() else { return };
+    let decoder = decoder();
     let settings = |upsampling_steps| ExtractSettings {
         resolution: 36,
         upsampling_steps,

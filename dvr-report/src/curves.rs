@@ -52,7 +52,7 @@ fn time() -> Axis {
     Axis::linear("training time, s")
 }
 
-/// The charts of some runs, each with its name: loss, held-out PSNR, Chamfer-L1, silhouettes; of a single run also the
+/// The charts of some runs, each with its name: loss, validation PSNR, Chamfer-L1, silhouettes; of a single run also the
 /// terms of its loss.
 pub(crate) fn charts(runs: &[(&str, &Curves)]) -> Vec<Chart> {
     let of = |column: &str| -> Vec<Series> {
@@ -64,18 +64,19 @@ pub(crate) fn charts(runs: &[(&str, &Curves)]) -> Vec<Chart> {
     };
     let chart = |title: &str, y: Axis, series| Chart { title: title.into(), x: time(), y, series, pareto: None };
     let mut charts = vec![chart("Loss in training", Axis::log("loss (weighted sum)"), of("loss"))];
-    charts.push(chart("Held-out views", Axis::linear("PSNR, dB"), of("held_out_psnr")));
+    charts.push(chart("Validation views", Axis::linear("PSNR, dB"), of("validation_psnr")));
     charts.push(chart("Chamfer-L1", Axis::log("edges of the object cube"), of("chamfer_l1")));
     let iou = Axis { title: "intersection over union".into(), scale: Scale::Linear, range: None };
     if let [(_, curves)] = runs {
         let of_run = |name: &str, column, color| Series::line(name, curves.pairs("seconds", column)).colored(color);
-        let series = vec![of_run("held-out views", "held_out_mask_iou", 0), of_run("rays of the step", "mask_iou", 7)];
+        let series =
+            vec![of_run("validation views", "validation_mask_iou", 0), of_run("rays of the step", "mask_iou", 7)];
         charts.push(chart("Silhouettes", iou, series));
         let terms = curves.terms();
         let series = terms.iter().map(|term| Series::line(term.replace('_', " "), curves.pairs("seconds", term)));
         charts.push(chart("Terms of the loss", Axis::log("weighted value"), series.collect()));
     } else {
-        charts.push(chart("Silhouettes of held-out views", iou, of("held_out_mask_iou")));
+        charts.push(chart("Silhouettes of validation views", iou, of("validation_mask_iou")));
     }
     charts.retain(|chart| !chart.is_empty());
     charts
@@ -89,13 +90,13 @@ mod tests {
     fn columns_become_charts_and_missing_values_stay_missing() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("metrics.csv");
-        let text = "step,seconds,loss,mask_iou,color,depth,held_out_psnr,chamfer_l1\n10,0.5,2.0,0.8,1.5,0,,\n20,1.0,1.0,0.9,0.7,0,21.5,0.01\n";
+        let text = "step,seconds,loss,mask_iou,color,depth,validation_psnr,chamfer_l1\n10,0.5,2.0,0.8,1.5,0,,\n20,1.0,1.0,0.9,0.7,0,21.5,0.01\n";
         std::fs::write(&path, text).unwrap();
         let curves = Curves::read(&path).unwrap();
-        assert_eq!(curves.pairs("seconds", "held_out_psnr"), [[1.0, 21.5]]);
+        assert_eq!(curves.pairs("seconds", "validation_psnr"), [[1.0, 21.5]]);
         assert_eq!(curves.terms(), ["color"]);
         let titles: Vec<String> = charts(&[("a", &curves)]).into_iter().map(|chart| chart.title).collect();
-        assert_eq!(titles, ["Loss in training", "Held-out views", "Chamfer-L1", "Silhouettes", "Terms of the loss"]);
+        assert_eq!(titles, ["Loss in training", "Validation views", "Chamfer-L1", "Silhouettes", "Terms of the loss"]);
         let both = charts(&[("a", &curves), ("b", &curves)]);
         assert!(both.iter().all(|chart| chart.series.len() == 2) && both.len() == 3);
         assert!(charts(&[("none", &Curves::read(&folder.path().join("nowhere.csv")).unwrap())]).is_empty());

@@ -40,8 +40,8 @@ pub enum Diagnostic {
         /// Training views.
         views: usize,
     },
-    /// No view was held out.
-    NothingHeldOut,
+    /// There are no test views.
+    NothingTested,
     /// No training view sees a part of the surface.
     Unseen {
         /// Share of the surface's area.
@@ -54,7 +54,7 @@ pub enum Diagnostic {
     },
     /// Renders of the mesh are worse than renders of the field that it was extracted from.
     MeshBehindField {
-        /// Difference of PSNR on held-out views, dB.
+        /// Difference of PSNR on test views, dB.
         decibels: f64,
     },
     /// The mask of a view agrees with the mesh much less than other masks do: a wrong mask or a wrong camera.
@@ -97,8 +97,8 @@ impl fmt::Display for Diagnostic {
                 f,
                 "Only {views} photographs were trained on. Use {FEW_VIEWS} or more, from all sides, for a surface to trust."
             ),
-            Self::NothingHeldOut => {
-                write!(f, "No view was held out, so nothing here tells how the mesh looks from other viewpoints.")
+            Self::NothingTested => {
+                write!(f, "There are no test views, so nothing here tells how the mesh looks from other viewpoints.")
             }
             Self::Unseen { share } => write!(
                 f,
@@ -178,13 +178,13 @@ impl Diagnostics {
             Some(views) if views < FEW_VIEWS => found.warnings.push(Diagnostic::FewViews { views }),
             Some(_) => {}
         }
-        if split.is_some() && metrics.held_out_mesh.is_none() {
-            found.warnings.push(Diagnostic::NothingHeldOut);
+        if split.is_some_and(|split| split.test.is_empty()) {
+            found.warnings.push(Diagnostic::NothingTested);
         }
         if let Some(coverage) = coverage {
             found.check_coverage(coverage);
         }
-        if let (Some(field), Some(mesh)) = (metrics.held_out, metrics.held_out_mesh)
+        if let (Some(field), Some(mesh)) = (metrics.test, metrics.test_mesh)
             && field.psnr - mesh.psnr > MESH_BEHIND
         {
             found.warnings.push(Diagnostic::MeshBehindField { decibels: field.psnr - mesh.psnr });

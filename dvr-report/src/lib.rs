@@ -1,4 +1,4 @@
-//! Reports of reconstructions: one HTML file that needs no network, with the mesh in 3D, held-out views beside their
+//! Reports of reconstructions: one HTML file that needs no network, with the mesh in 3D, test views beside their
 //! renders, charts, settings, and diagnostics that the reader should know before trusting the mesh.
 //!
 //! [`run_report`] makes the page of one run, or of several side by side, from their folders. Its parts are useful alone:

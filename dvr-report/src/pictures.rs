@@ -1,4 +1,4 @@
-//! Held-out views as a page shows them: the photograph, the render of the mesh, depth, normals, and their difference.
+//! Test views as a page shows them: the photograph, the render of the mesh, depth, normals, and their difference.
 
 use std::io::Cursor;
 

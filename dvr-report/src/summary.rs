@@ -3,11 +3,9 @@
 use std::path::Path;
 
 use dvr_core::mesh::{Mesh, read_mesh};
-use dvr_core::{Camera, Scene, Split, View, Visibility};
+use dvr_core::{Camera, Scene, View, Visibility};
 use dvr_render::MeshShader;
-use dvr_train::{
-    CheckpointHeader, ObjectsMetrics, RunFolder, RunMetrics, Summary, ViewSplit, unseen_views, view_metrics,
-};
+use dvr_train::{CheckpointHeader, ObjectsMetrics, RunFolder, RunMetrics, Summary, ViewSplit, view_metrics};
 use glam::DVec3;
 use serde_json::{Value, json};
 
@@ -24,7 +22,7 @@ use crate::settings::Settings;
 pub struct Budget {
     /// Faces of the mesh.
     pub faces: usize,
-    /// Held-out views.
+    /// Test views.
     pub views: usize,
     /// Largest width of a picture, pixels.
     pub width: u32,
@@ -57,7 +55,7 @@ pub enum Figures {
 pub struct SceneFacts {
     /// Layout of its files.
     pub format: String,
-    /// Views to train on, held out, and for testing.
+    /// Views to train on, for validation, and for testing.
     pub views: [usize; 3],
     /// Size of the pictures in pixels.
     pub size: (u32, u32),
@@ -84,10 +82,10 @@ pub struct RunSummary {
     pub coverage: Option<Coverage>,
     /// The scene, where it was found.
     pub scene: Option<SceneFacts>,
-    /// Held-out views; training views where none were held out.
+    /// Test views; training views where there are none.
     pub views: Vec<ViewPictures>,
-    /// Whether the views were not trained on.
-    pub views_are_held_out: bool,
+    /// Whether these are test views.
+    pub views_are_for_testing: bool,
     /// What the reader should know.
     pub diagnostics: Diagnostics,
     /// The preview sheet of a dataset's run, as a `data:` address.
@@ -97,7 +95,8 @@ pub struct RunSummary {
 }
 
 impl RunSummary {
-    /// Gathers it. `header` is that of the run's checkpoint, and `scene` its scene in the object space of training.
+    /// Gathers it. `header` is that of the run's checkpoint, and `scene` its scene in the object space of training,
+    /// divided as in training.
     ///
     /// # Errors
     /// [`Error::NotFinished`] when the folder holds no finished run, and others when its files are damaged.
@@ -121,7 +120,7 @@ impl RunSummary {
             coverage: None,
             scene: None,
             views: Vec::new(),
-            views_are_held_out: false,
+            views_are_for_testing: false,
             diagnostics: Diagnostics::default(),
             preview: None,
             evaluations: Vec::new(),
@@ -141,7 +140,7 @@ impl RunSummary {
         budget: Budget,
     ) -> Result<()> {
         self.title.clone_from(&metrics.scene);
-        let split = scene.map(|scene| ViewSplit::new(scene, self.header.common.hold_out_every)).transpose()?;
+        let split = scene.map(ViewSplit::of).transpose()?;
         let mut mesh = match folder.mesh_ply() {
             path if path.is_file() => read_mesh(path)?.mesh.transformed(&self.header.object_to_world.inverse()),
             _ => Mesh::default(),
@@ -156,17 +155,17 @@ impl RunSummary {
         if let (Some(scene), Some(split)) = (scene, &split) {
             self.scene = Some(SceneFacts {
                 format: scene.format.into(),
-                views: [split.train.len(), split.held_out.len(), scene.views_of(Split::Test).count()],
+                views: [split.train.len(), split.validation.len(), split.test.len()],
                 size: scene.views.first().map_or((0, 0), |view| view.image.dimensions()),
             });
             if !mesh.is_empty() {
-                self.render_views(&mesh, scene, split, budget)?;
+                self.render_views(&mesh, split, budget)?;
             }
         }
         let up = scene.map_or(DVec3::Y, Scene::up);
         let cameras = split.as_ref().map_or(Value::Null, |split| {
-            let all =
-                split.train.iter().map(|view| (view, false)).chain(split.held_out.iter().map(|view| (view, true)));
+            let others = split.validation.iter().chain(&split.test);
+            let all = split.train.iter().map(|view| (view, false)).chain(others.map(|view| (view, true)));
             all.map(|(view, held_out)| frustum(&view.camera, held_out)).collect()
         });
         self.mesh = encode(&mesh, budget.faces).map(|mesh| {
@@ -180,12 +179,11 @@ impl RunSummary {
         Ok(())
     }
 
-    /// Renders the mesh into held-out views, and compares it with the mask of every training view.
-    fn render_views(&mut self, mesh: &Mesh, scene: &Scene, split: &ViewSplit, budget: Budget) -> Result<()> {
+    /// Renders the mesh into test views, and compares it with the mask of every training view.
+    fn render_views(&mut self, mesh: &Mesh, split: &ViewSplit, budget: Budget) -> Result<()> {
         let shader = MeshShader::new(mesh);
-        let held_out = unseen_views(scene, split);
-        self.views_are_held_out = !held_out.is_empty();
-        let shown: &[&View] = if held_out.is_empty() { &split.train } else { &held_out };
+        self.views_are_for_testing = !split.test.is_empty();
+        let shown: &[&View] = if split.test.is_empty() { &split.train } else { &split.test };
         let count = budget.views.min(shown.len());
         let chosen = (0..count).map(|i| shown[(2 * i + 1) * shown.len() / (2 * count)]);
         self.views = chosen.map(|view| view_pictures(&shader, view, budget.width)).collect::<Result<_>>()?;

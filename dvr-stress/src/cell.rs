@@ -29,14 +29,14 @@ pub struct Cell {
 /// How far along an axis a method works.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct BreakPoint {
-    /// The hardest difficulty up to which everything is solved; `None` where the easiest is not.
+    /// The hardest difficulty up to which every seed is solved; `None` where one of the easiest is not.
     pub holds: Option<f64>,
-    /// The easiest difficulty that is not solved; `None` where all are.
+    /// The easiest difficulty that a seed fails; `None` where all are solved.
     pub breaks: Option<f64>,
 }
 
 /// The break point of one method's cells on one axis. `difficulties` run from easy to hard; those without cells are
-/// skipped. A difficulty is solved where more than half of its seeds are.
+/// skipped. A method holds where all seeds are solved: one that fails breaks it.
 pub fn break_point<'a>(difficulties: &[f64], cells: impl IntoIterator<Item = &'a Cell> + Clone) -> BreakPoint {
     let mut point = BreakPoint { holds: None, breaks: None };
     for &difficulty in difficulties {
@@ -44,7 +44,7 @@ pub fn break_point<'a>(difficulties: &[f64], cells: impl IntoIterator<Item = &'a
         let (solved, all) = (here().filter(|cell| cell.verdict == Verdict::Solved).count(), here().count());
         match all {
             0 => {}
-            _ if 2 * solved > all => point.holds = Some(difficulty),
+            _ if solved == all => point.holds = Some(difficulty),
             _ => {
                 point.breaks = Some(difficulty);
                 break;
@@ -73,14 +73,14 @@ mod tests {
     }
 
     #[test]
-    fn a_method_breaks_at_the_first_difficulty_that_most_seeds_fail() {
+    fn a_method_breaks_at_the_first_difficulty_that_one_seed_fails() {
         use Verdict::{Empty, Solved};
-        let two_of_three = [(4.0, Solved), (2.0, Solved), (2.0, Empty), (2.0, Solved), (1.0, Empty), (0.5, Solved)];
-        let point = break_point(&[4.0, 3.0, 2.0, 1.0, 0.5], &cells(&two_of_three));
-        assert_eq!((point.holds, point.breaks), (Some(2.0), Some(1.0)), "what is solved beyond does not count");
+        let two_of_three = [(4.0, Solved), (4.0, Solved), (2.0, Empty), (2.0, Solved), (2.0, Solved), (1.0, Solved)];
+        let point = break_point(&[4.0, 3.0, 2.0, 1.0], &cells(&two_of_three));
+        assert_eq!((point.holds, point.breaks), (Some(4.0), Some(2.0)), "what is solved beyond does not count");
         let all = break_point(&[1.0, 2.0], &cells(&[(1.0, Solved), (2.0, Solved)]));
         assert_eq!((all.holds, all.breaks), (Some(2.0), None));
         let none = break_point(&[1.0], &cells(&[(1.0, Empty), (1.0, Solved)]));
-        assert_eq!((none.holds, none.breaks), (None, Some(1.0)), "half is not most");
+        assert_eq!((none.holds, none.breaks), (None, Some(1.0)));
     }
 }

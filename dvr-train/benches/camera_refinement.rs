@@ -6,17 +6,16 @@
 //! cost. Exact cameras, refined, must cost nothing.
 
 use std::path::PathBuf;
-use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use dvr_core::dataset::{ReadOptions, read_scene};
 use dvr_core::metrics::alignment::align_to_surface;
 use dvr_core::metrics::shape::score_surface;
 use dvr_core::sampling::sample_surface;
-use dvr_core::{PointCloud, Scene, Similarity};
+use dvr_core::{PointCloud, Scene, Similarity, Split};
 use dvr_render::extract::{ExtractSettings, extract_mesh};
 use dvr_stress::displace_camera;
-use dvr_train::{GridConfig, GridTrainer, ViewSplit, refine_cameras};
+use dvr_train::{GridConfig, GridTrainer, refine_cameras};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
@@ -56,8 +55,8 @@ fn compare(scene: &Scene, seed: u64, exact: f64, degrees: f64, share: f64) {
     let off = distance(scene, &wrong);
     let start = Instant::now();
     let config = GridConfig { seed, ..GridConfig::default() };
-    let refined = refine_cameras(&mut wrong, &config, ROUNDS, &AtomicBool::new(false), &mut ());
-    let rounds = refined.expect("the views can be trained on").expect("nobody interrupts").rounds;
+    let refined = refine_cameras(&mut wrong, &config, ROUNDS, &dvr_core::Cancellation::default(), &mut ());
+    let rounds = refined.expect("the views can be trained on").rounds;
     let seconds = start.elapsed().as_secs_f64();
     let found = chamfer(&wrong, seed);
     let recovered =
@@ -90,8 +89,8 @@ fn distance(exact: &Scene, other: &Scene) -> f64 {
 /// Chamfer-L1 of what the fast method makes of a scene, aligned.
 fn chamfer(scene: &Scene, seed: u64) -> f64 {
     let config = GridConfig { seed, ..GridConfig::default() };
-    let views = ViewSplit::new(scene, config.hold_out_every).expect("enough views");
-    let mut trainer = GridTrainer::new(views, config).expect("the masks show the object");
+    let mut trainer = GridTrainer::new(scene.views_of(Split::Train).collect(), Vec::new(), config)
+        .expect("the masks show the object");
     while trainer.steps_done() < trainer.total_steps() {
         trainer.step().expect("the loss is finite");
     }

@@ -19,7 +19,7 @@ use dvr_render::{
     Crossing, Field, FieldShader, MarchSettings, Marcher, Query, Rays, RenderSettings, Shader, SkipGrid, SlopeRule,
     Surface, TensorMarcher, implicit_depth,
 };
-use dvr_train::{Capacity, GridConfig, GridTrainer, Supervision, TrainConfig, Trainer, ViewSplit};
+use dvr_train::{Capacity, GridConfig, GridTrainer, Supervision, TrainConfig, Trainer};
 use glam::{DVec3, Vec3};
 
 const RAYS: usize = 1024;
@@ -168,8 +168,8 @@ fn training_step(c: &mut Criterion) {
             march: vec![dvr_train::MarchStage { from_percent: 0, samples: 16 }],
             ..TrainConfig::new(Supervision::Rgb)
         };
-        let views = ViewSplit::new(&scene, config.hold_out_every).expect("enough views");
-        let mut trainer = Trainer::new(decoder(hidden, &device), views, config, device.clone());
+        let field = decoder(hidden, &device);
+        let mut trainer = Trainer::new(field, scene.views.iter().collect(), Vec::new(), config, device.clone());
         group.bench_function(format!("{hidden} wide"), |b| b.iter(|| trainer.step().expect("the loss is finite")));
     }
     group.finish();
@@ -201,8 +201,8 @@ fn grids(c: &mut Criterion) {
             steps: usize::MAX / 2,
             ..GridConfig::default()
         };
-        let views = ViewSplit::new(&scene, config.hold_out_every).expect("enough views");
-        let mut trainer = GridTrainer::new(views, config).expect("the masks show the object");
+        let mut trainer =
+            GridTrainer::new(scene.views.iter().collect(), Vec::new(), config).expect("the masks show the object");
         group.throughput(Throughput::Elements(2048));
         group.bench_function(format!("training step, {cells} cells, 2048 rays"), |b| {
             b.iter(|| trainer.step().expect("the loss is finite"));

@@ -65,8 +65,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 
     // A run in a folder: first for a second, then to its end from the checkpoint.
     let folder = RunFolder::new("own_decoder");
-    folder.clear()?;
-    folder.create()?;
+    let _writing = folder.replace()?;
     let options = RunOptions::new(folder.clone(), Device::flex());
     let brief =
         RunOptions { time_limit: Some(Duration::from_secs(1)), ..RunOptions::new(folder.clone(), Device::flex()) };
@@ -76,7 +75,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let trained = train(&mut scene, &method, Some(&last), &options, &mut ())?;
 
     let results = finish(&scene, &method, &trained, &folder, &MeshOptions::with_resolution(128), &mut ())?;
-    println!("{} steps, held-out views: {:?}", results.metrics.steps, results.metrics.held_out_mesh);
+    println!("{} steps, test views: {:?}", results.metrics.steps, results.metrics.test_mesh);
     println!("wrote {}", folder.mesh_ply().display());
     Ok(())
 }

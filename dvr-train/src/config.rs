@@ -1,6 +1,7 @@
 //! Everything that determines a training run, in one serialisable place.
 
-use dvr_core::Supervision;
+use dvr_core::number_range::{OutOfRange, check_config};
+use dvr_core::{HOLD_OUT_EVERY, Supervision};
 use dvr_model::DecoderConfig;
 use dvr_render::{RootMethod, SlopeRule};
 use serde::{Deserialize, Serialize};
@@ -118,9 +119,10 @@ pub struct TrainConfig {
     pub milestones_percent: Vec<u32>,
     /// See `milestones_percent`.
     pub learning_rate_factor: f64,
-    /// One view in this many is held out for validation where the dataset has no validation split; 0 trains on all.
+    /// One view in this many is for testing, and one in twice as many for validation, where the dataset does not say
+    /// ([`dvr_core::Scene::hold_out`]); 0 trains on all.
     pub hold_out_every: usize,
-    /// Steps between validations on held-out views.
+    /// Steps between validations.
     pub validate_every: usize,
     /// Steps between checkpoints.
     pub checkpoint_every: usize,
@@ -168,7 +170,7 @@ impl TrainConfig {
             learning_rate: 3e-3,
             milestones_percent: vec![60, 85],
             learning_rate_factor: 0.3,
-            hold_out_every: 8,
+            hold_out_every: HOLD_OUT_EVERY,
             validate_every: 100,
             checkpoint_every: 100,
         }
@@ -231,7 +233,7 @@ impl TrainConfig {
     /// # Errors
     /// Names the first key that does not exist, or the value that has the wrong type or is out of range.
     pub fn overridden(&self, overrides: &serde_json::Value) -> Result<Self> {
-        let config: Self = overridden(self, overrides, &[])?;
+        let config: Self = overridden(self, overrides, &[], &Self::ranges())?;
         config.check()?;
         Ok(config)
     }
@@ -254,45 +256,17 @@ impl TrainConfig {
     /// # Errors
     /// Names the key, the value and the range.
     pub fn check(&self) -> Result<()> {
-        let fail = |key: &str, value: String, range: &str| {
-            Err(Error::OutOfRange { key: key.into(), value, range: range.into() })
-        };
+        check_config(self, &Self::ranges())?;
         if self.rays < self.patch_size * self.patch_size {
-            return fail("rays", self.rays.to_string(), "at least one patch (patch_size squared)");
+            return Err(OutOfRange::new("rays", self.rays, "at least one patch (patch_size squared)").into());
         }
-        if self.patch_size == 0 || (self.losses.image_gradient > 0.0 && self.patch_size < 2) {
-            return fail("patch_size", self.patch_size.to_string(), "at least 1, and 2 with an image_gradient weight");
+        if self.losses.image_gradient > 0.0 && self.patch_size < 2 {
+            return Err(
+                OutOfRange::new("patch_size", self.patch_size, "at least 2 with an image_gradient weight").into()
+            );
         }
-        if !(0.0..=1.0).contains(&self.object_share) {
-            return fail("object_share", self.object_share.to_string(), "between 0 and 1");
-        }
-        if self.march.is_empty() || self.march.iter().any(|stage| stage.samples < 2) {
-            return fail("march", format!("{:?}", self.march), "a list with at least 2 samples in each entry");
-        }
-        if !(self.learning_rate > 0.0 && self.learning_rate.is_finite()) {
-            return fail("learning_rate", self.learning_rate.to_string(), "positive");
-        }
-        if self.model.hidden == 0 {
-            return fail("model.hidden", "0".into(), "at least 1");
-        }
-        if self.steps == 0 || self.validate_every == 0 || self.checkpoint_every == 0 {
-            return fail("steps, validate_every or checkpoint_every", "0".into(), "at least 1");
-        }
-        let weights = &self.losses;
-        let all = [
-            ("color", weights.color),
-            ("detached_color", weights.detached_color),
-            ("image_gradient", weights.image_gradient),
-            ("depth", weights.depth),
-            ("sparse_depth", weights.sparse_depth),
-            ("free_space", weights.free_space),
-            ("occupancy", weights.occupancy),
-            ("normal", weights.normal),
-        ];
-        for (name, weight) in all {
-            if !(weight >= 0.0 && weight.is_finite()) {
-                return fail(&format!("losses.{name}"), weight.to_string(), "zero or positive");
-            }
+        if self.march.is_empty() {
+            return Err(OutOfRange::new("march", "[]", "a list of at least one entry").into());
         }
         Ok(())
     }

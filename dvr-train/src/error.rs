@@ -11,6 +11,9 @@ pub type Result<T> = std::result::Result<T, Error>;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
+    /// Somebody wanted the work to end, and there is nothing of it to keep.
+    #[error("{0}")]
+    Cancelled(#[from] dvr_core::Cancelled),
     /// A scene or a file could not be used.
     #[error(transparent)]
     Scene(#[from] dvr_core::Error),
@@ -23,15 +26,8 @@ pub enum Error {
     Device(#[from] dvr_gpu::DeviceError),
 
     /// A configuration value is out of range.
-    #[error("configuration: `{key}` is {value}, it must be {range}")]
-    OutOfRange {
-        /// The key, dotted.
-        key: String,
-        /// Its value.
-        value: String,
-        /// What it may be.
-        range: String,
-    },
+    #[error("configuration: {0}")]
+    OutOfRange(#[from] dvr_core::number_range::OutOfRange),
     /// A configuration key does not exist.
     #[error("configuration: unknown key `{key}`; there are: {}", known.join(", "))]
     UnknownKey {
@@ -166,11 +162,11 @@ pub enum Error {
     #[error(transparent)]
     Codes(#[from] CodesError),
 
-    /// The folder already holds a run.
-    #[error("{}: the folder already holds a run", path.display())]
-    FolderInUse {
-        /// The folder.
-        path: PathBuf,
+    /// A run cannot go on without views that it began with.
+    #[error("the run trained on or chose by views that are no longer in the scene: {}", views.join(", "))]
+    ViewsGone {
+        /// The views.
+        views: Vec<String>,
     },
     /// A file is no checkpoint.
     #[error("{}: {problem}", path.display())]
@@ -244,9 +240,6 @@ pub enum Error {
         /// The loss.
         value: f64,
     },
-    /// Interrupted before the first step.
-    #[error("stopped before training began: there is nothing to continue")]
-    InterruptedEarly,
     /// A step would take more of a GPU's memory than it may.
     #[error("a step takes about {} of GPU memory, and {} are allowed", megabytes(*bytes), megabytes(*allowed))]
     StepMemory {
@@ -256,6 +249,14 @@ pub enum Error {
         allowed: u64,
         /// Most rays of a step that fits; `None` where no number of rays does.
         rays: Option<usize>,
+    },
+    /// The work would take more of the machine's memory than there is, or than is allowed.
+    #[error("about {} of memory are needed, and there are {}", megabytes(*bytes), megabytes(*allowed))]
+    HostMemory {
+        /// Bytes that it takes, besides photographs.
+        bytes: u64,
+        /// Bytes that it may.
+        allowed: u64,
     },
     /// Tensors hold more of a GPU's memory than they may.
     #[error(
@@ -306,6 +307,8 @@ pub enum CodesError {
 impl From<dvr_grid::Error> for Error {
     fn from(error: dvr_grid::Error) -> Self {
         match error {
+            dvr_grid::Error::Cancelled(cancelled) => Self::Cancelled(cancelled),
+            dvr_grid::Error::OutOfRange(wrong) => Self::OutOfRange(wrong),
             dvr_grid::Error::Scene(error) => Self::Scene(error),
             dvr_grid::Error::Diverged { step, value } => Self::Diverged { step, value },
             #[cfg(feature = "gpu")]

@@ -25,11 +25,11 @@
 //! });
 //! let method = method_by_name("network", Supervision::Rgb)?.overridden(&small)?;
 //! let run = RunFolder::new(folder.path().join("run"));
-//! run.create()?;
+//! let _writing = run.create()?;
 //! let options = RunOptions::new(run.clone(), Device::flex());
 //! let trained = train(&mut scene, method.as_ref(), None, &options, &mut ())?;
 //! let results = finish(&scene, method.as_ref(), &trained, &run, &MeshOptions::with_resolution(32), &mut ())?;
-//! println!("{} steps, {:?}", results.metrics.steps, results.metrics.held_out);
+//! println!("{} steps, {:?}", results.metrics.steps, results.metrics.test);
 //! assert!(run.last().is_file() && run.metrics_json().is_file());
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
@@ -38,6 +38,7 @@
 
 mod cameras;
 mod config;
+mod config_ranges;
 mod error;
 mod evaluate;
 mod export;
@@ -51,17 +52,17 @@ mod run;
 
 pub use cameras::{RefinedCameras, refine_cameras};
 pub use config::{HullConfig, LossWeights, MarchStage, OccupancyPoint, TrainConfig};
-pub use dvr_core::{Supervision, ViewSplit};
+pub use dvr_core::{Supervision, ViewNames, ViewSplit};
 pub use dvr_grid::{Capacity, DisagreeingViews, GridConfig, GridLosses, GridTrainer, Part, PartTimes};
 pub use dvr_render::{ViewMetrics, view_metrics};
 pub use error::{CodesError, Error, Result};
-pub use evaluate::{ShapeEvaluation, ViewEvaluation, evaluate_shape, evaluate_views};
+pub use evaluate::{PointsEvaluation, ShapeEvaluation, ViewEvaluation, evaluate_shape, evaluate_views};
 pub use export::bake::bake_colors;
 pub use export::mesh::{ColorSource, MeshOptions, object_mesh, world_mesh};
 pub use export::preview;
 pub use export::run_metrics::RunMetrics;
 pub use export::run_results::{RunResults, extraction_warnings, finish};
-pub use export::views::{surface_points, unseen_views};
+pub use export::views::surface_points;
 pub use import::convert::{ImportOptions, ImportedScene, import};
 pub use import::reference_config::ReferenceConfig;
 pub use learners::batch::{PixelBatch, PixelSampling, Pixels};
@@ -75,6 +76,7 @@ pub use learners::warm_start::{carve_hull, hull_bound, warm_start};
 pub use methods::classic::classic;
 pub use methods::field_method::FieldMethod;
 pub use methods::grid::{GridMethod, grid};
+pub use methods::host_memory::{HostMemory, check_host_memory};
 pub use methods::hull::hull;
 pub use methods::memory_estimate::check_memory;
 pub use methods::method::{Hardware, Method, Needs, Schedule, Start};
@@ -87,8 +89,9 @@ pub use methods::{METHODS, MethodEntry, load_model, method_by_name, method_of};
 pub use objects::predict::{Prediction, predict};
 pub use objects::{
     Evaluation, MeanScore, MeanShapes, Measurement, NearestPicture, ObjectModel, ObjectScore, ObjectsConfig,
-    ObjectsMetrics, ObjectsTrainer, Predictor, Results, Shape, Shard, Summary, TrainedObjects, evaluated_input,
-    finish_objects, merge_results, read_results, to_markdown, train_objects, write_summaries,
+    ObjectsMetrics, ObjectsTrainer, Predictor, Results, Shape, Shard, StoredResults, Summary, TrainedObjects,
+    Unmeasured, evaluated_input, finish_objects, merge_results, read_results, to_markdown, train_objects,
+    write_summaries,
 };
 pub use observer::Observer;
 pub use resources::Resources;

@@ -36,6 +36,8 @@ pub use reconstruction::{Reconstruction, demo_scene, reconstruct, reconstruct_ob
 
 /// Where tensors live: `Device::flex()` is the CPU. [`Options::device`] takes one.
 pub use burn::tensor::Device;
+/// Ends a reconstruction early. [`reconstruct_observed`] takes one.
+pub use dvr_core::Cancellation;
 /// What the surface looks like in the end. [`Reconstruction::mesh`] is one.
 pub use dvr_core::mesh::Mesh;
 /// Photographs, masks and cameras. [`reconstruct`] takes one.

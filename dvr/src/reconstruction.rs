@@ -1,11 +1,10 @@
 //! From a scene to its mesh.
 
 use std::path::{Path, PathBuf};
-use std::sync::atomic::AtomicBool;
 
 use dvr_core::mesh::{Mesh, TexturedMesh, shapes, write_mesh};
 use dvr_core::synth::{SynthConfig, render_dataset};
-use dvr_core::{Scene, refine_masks};
+use dvr_core::{Cancellation, Scene, refine_masks};
 use dvr_train::{Observer, RunFolder, RunMetrics, RunOptions, RunResults, Trained, TrainedModel, finish, train};
 
 use crate::error::{Error, Result};
@@ -37,34 +36,37 @@ impl Reconstruction {
 /// When the scene has too few views or lacks masks or what the method learns from; when the loss diverges; when a file
 /// of [`Options::folder`] cannot be written. A field without a surface is no error: see [`Reconstruction::mesh`].
 pub fn reconstruct(scene: &Scene, options: &Options) -> Result<Reconstruction> {
-    reconstruct_observed(scene, options, &mut (), &AtomicBool::new(false))
+    reconstruct_observed(scene, options, &mut (), &Cancellation::default())
 }
 
-/// The same; `observer` hears how it goes on, and setting `interrupted` ends training after the step that is under way:
-/// what was learned until then is the result.
+/// The same; `observer` hears how it goes on, and `cancellation` ends training after the step that is
+/// under way: what was learned until then is the result.
 ///
 /// # Errors
-/// As [`reconstruct`]; [`Error::InterruptedEarly`] where there was no step yet.
+/// As [`reconstruct`]; [`Error::Cancelled`] where there was no step yet.
 pub fn reconstruct_observed(
     scene: &Scene,
     options: &Options,
     observer: &mut dyn Observer,
-    interrupted: &AtomicBool,
+    cancellation: &Cancellation,
 ) -> Result<Reconstruction> {
     let temporary = tempfile::tempdir().map_err(|e| dvr_core::Error::io(std::env::temp_dir(), e))?;
     let folder = RunFolder::new(options.folder.clone().unwrap_or_else(|| temporary.path().join("run")));
-    folder.create()?;
+    let _writing = folder.create()?;
     let mut scene = scene.clone();
     scene.require_masks()?;
+    // First, for masks of test views stay as they are.
+    let method = options.method.as_ref();
+    let views = scene.hold_out(method.common().hold_out_every);
     if options.refine_masks {
-        let notes = refine_masks(&mut scene)?.notes();
+        let notes = refine_masks(&mut scene, cancellation)?.notes();
         scene.warnings.extend(notes);
     }
-    let method = options.method.as_ref();
     let run = RunOptions {
+        views: Some(views),
         refine_cameras: options.refine_cameras,
         time_limit: options.time_limit,
-        interrupted,
+        cancellation: cancellation.clone(),
         ..RunOptions::new(folder.clone(), options.device.clone())
     };
     let trained = train(&mut scene, method, None, &run, observer)?;

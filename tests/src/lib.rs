@@ -1,9 +1,10 @@
 //! What the tests of several crates share: arrays of DVR's reference code, rendered scenes, and devices.
 //!
-//! What a machine may lack is found through `dvr-test-support`, which says when tests are skipped.
+//! What a machine may lack is found through `dvr-test-support`.
 
 mod bound_decoder;
 mod field_suite;
+pub mod fuzz;
 mod pytorch_file;
 
 use std::sync::{Mutex, PoisonError};
@@ -18,7 +19,9 @@ use dvr_core::synth::{SynthConfig, render_dataset};
 use dvr_model::{Decoder, DecoderConfig};
 
 pub use bound_decoder::BoundDecoder;
-pub use dvr_test_support::{browser, fixture, largest, max_difference, relative_difference, scene};
+pub use dvr_test_support::{
+    browser, fixture, large_fixture, largest, max_difference, relative_difference, scene, test_with,
+};
 pub use field_suite::check_field;
 pub use pytorch_file::{Entry, write_pytorch};
 
@@ -47,10 +50,9 @@ impl ModuleVisitor for DrawnNow {
 pub struct Fixture(NpzFile);
 
 impl Fixture {
-    /// Opens `<name>.npz`, or `None` where the test is skipped.
-    pub fn open(name: &str) -> Option<Self> {
-        let path = fixture(&format!("{name}.npz"))?;
-        Some(Self(NpzFile::open(&path).unwrap_or_else(|e| panic!("{e}"))))
+    /// Opens `<name>.npz`.
+    pub fn open(name: &str) -> Self {
+        Self(NpzFile::open(&fixture(&format!("{name}.npz"))).unwrap_or_else(|e| panic!("{e}")))
     }
 
     /// Names of all arrays.
@@ -85,11 +87,11 @@ impl Fixture {
 }
 
 /// The fixtures' decoder with a code of length `code_dim` (0 or 32), with parameters of the device's float type.
-pub fn fixture_decoder(code_dim: usize, device: &Device) -> Option<(DecoderConfig, Decoder)> {
-    let path = fixture(&format!("decoder_c{code_dim}_h64.safetensors"))?;
+pub fn fixture_decoder(code_dim: usize, device: &Device) -> (DecoderConfig, Decoder) {
+    let path = fixture(&format!("decoder_c{code_dim}_h64.safetensors"));
     let (config, decoder) = dvr_model::load_safetensors(&path, device).unwrap_or_else(|e| panic!("{e}"));
     let dtype = Tensor::<1>::zeros([1], device).dtype();
-    Some((config, decoder.map(&mut CastTo(dtype))))
+    (config, decoder.map(&mut CastTo(dtype)))
 }
 
 /// Casts all float parameters.
@@ -167,9 +169,9 @@ pub fn rendered_scene(mesh: Mesh, views: usize, pixels: u32) -> Scene {
     read_scene(&folder.path().join("objects/object"), &ReadOptions::default()).expect("what was written can be read")
 }
 
-/// The GPU that the suites run on, or `None` where the test is skipped. A software adapter will do.
-pub fn gpu() -> Option<Device> {
-    let gpu = dvr_test_support::gpu(dvr_gpu::open(0))?;
+/// The GPU that the suites run on, for tests marked `test_with(gpu)`. A software adapter will do.
+pub fn gpu() -> Device {
+    let gpu = dvr_test_support::gpu(dvr_gpu::open(0));
     println!("on {} ({}, {})", gpu.adapter.name, gpu.adapter.kind, gpu.adapter.api);
-    Some(gpu.device)
+    gpu.device
 }

@@ -11,6 +11,8 @@ use zip::{CompressionMethod, ZipWriter};
 pub enum Entry {
     /// A whole number.
     Whole(i32),
+    /// True or false.
+    Truth(bool),
     /// A number.
     Number(f64),
     /// A list.
@@ -49,6 +51,39 @@ pub fn write_pytorch(path: &Path, entry: &Entry) {
     zip.finish().unwrap();
 }
 
+/// The same as the bytes of a file of `torch.save` before its zip format: pickles one after another, then storages.
+pub fn legacy_pytorch(entry: &Entry) -> Vec<u8> {
+    let pickled = |put: &dyn Fn(&mut Pickle)| {
+        let mut pickle = Pickle { bytes: vec![0x80, 2], storages: Vec::new() };
+        put(&mut pickle);
+        pickle.bytes.push(b'.');
+        pickle
+    };
+    // The magic number 0x1950a86a20f9469cfc6c, as a long of ten bytes.
+    let magic = [0x8a, 10, 0x6c, 0xfc, 0x9c, 0x46, 0xf9, 0x20, 0x6a, 0xa8, 0x50, 0x19];
+    let root = pickled(&|pickle| pickle.put(entry));
+    let keys: Vec<String> = (0..root.storages.len()).map(|i| i.to_string()).collect();
+    let mut bytes = pickled(&|pickle| pickle.bytes.extend(magic)).bytes;
+    bytes.extend(pickled(&|pickle| pickle.whole(1001)).bytes);
+    let system = Entry::Dict(vec![
+        ("protocol_version".into(), Entry::Whole(1001)),
+        ("little_endian".into(), Entry::Truth(true)),
+    ]);
+    bytes.extend(pickled(&|pickle| pickle.put(&system)).bytes);
+    bytes.extend(&root.bytes);
+    let listed = pickled(&|pickle| {
+        pickle.bytes.extend(b"](");
+        keys.iter().for_each(|key| pickle.text(key));
+        pickle.bytes.push(b'e');
+    });
+    bytes.extend(listed.bytes);
+    for storage in &root.storages {
+        bytes.extend((storage.len() as u64).to_le_bytes());
+        bytes.extend(storage.iter().flat_map(|value| value.to_le_bytes()));
+    }
+    bytes
+}
+
 /// A pickle of protocol 2 in the making.
 struct Pickle {
     bytes: Vec<u8>,
@@ -59,6 +94,7 @@ impl Pickle {
     fn put(&mut self, entry: &Entry) {
         match entry {
             Entry::Whole(value) => self.whole(*value),
+            Entry::Truth(value) => self.bytes.push(if *value { 0x88 } else { 0x89 }),
             Entry::Number(value) => {
                 self.bytes.push(b'G');
                 self.bytes.extend(value.to_be_bytes());

@@ -1,9 +1,7 @@
 //! Cameras that are off come back, and those that are right stay.
 
-use std::sync::atomic::AtomicBool;
-
 use dvr_core::mesh::shapes;
-use dvr_core::{Scene, Similarity};
+use dvr_core::{Cancellation, Scene, Similarity};
 use dvr_tests::rendered_scene;
 use dvr_train::{GridConfig, refine_cameras};
 use glam::{DMat3, DVec3};
@@ -52,18 +50,19 @@ fn distance(exact: &Scene, other: &Scene) -> f64 {
 fn cameras_that_are_off_come_back_and_right_ones_stay() {
     let exact = scene();
     let config = GridConfig { rays: 512, ..GridConfig::default() };
-    let refine = |scene: &mut Scene| refine_cameras(scene, &config, 5, &AtomicBool::new(false), &mut ()).unwrap();
+    let refine = |scene: &mut Scene| refine_cameras(scene, &config, 5, &Cancellation::default(), &mut ()).unwrap();
 
     let mut wrong = disturbed(&exact);
     let before = distance(&exact, &wrong);
-    let refined = refine(&mut wrong).unwrap();
+    let refined = refine(&mut wrong);
     let after = distance(&exact, &wrong);
+    println!("{before:.3} pixels before, {after:.3} after");
     assert!(after < 0.75 * before, "{before} pixels before, {after} after; {}", refined.note());
     assert_eq!(refined.cameras.len(), exact.views.len());
     assert!(refined.loss[1] < refined.loss[0]);
 
     let mut right = exact.clone();
-    let refined = refine(&mut right).unwrap();
+    let refined = refine(&mut right);
     assert!(refined.cameras.is_empty(), "{}", refined.note());
     let is_same = |(a, b): (&dvr_core::View, &dvr_core::View)| a.camera == b.camera;
     assert!(exact.views.iter().zip(&right.views).all(is_same));
@@ -73,7 +72,9 @@ fn cameras_that_are_off_come_back_and_right_ones_stay() {
 fn an_interruption_leaves_the_cameras_as_they_were() {
     let exact = scene();
     let mut scene = exact.clone();
-    let refined = refine_cameras(&mut scene, &GridConfig::default(), 6, &AtomicBool::new(true), &mut ()).unwrap();
-    assert!(refined.is_none());
+    let cancellation = Cancellation::default();
+    cancellation.cancel();
+    let refined = refine_cameras(&mut scene, &GridConfig::default(), 6, &cancellation, &mut ());
+    assert!(matches!(refined, Err(dvr_train::Error::Cancelled(_))));
     assert!(exact.views.iter().zip(&scene.views).all(|(a, b)| a.camera == b.camera));
 }

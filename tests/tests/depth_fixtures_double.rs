@@ -51,9 +51,9 @@ fn scaled<const D: usize>(tensor: Tensor<D>, scale: f64) -> Tensor<D> {
 }
 
 impl Case {
-    fn open(name: &'static str, code_dim: usize, device: &Device) -> Option<Self> {
-        let mut fixture = Fixture::open(name)?;
-        let (_, mut decoder) = fixture_decoder(code_dim, device)?;
+    fn open(name: &'static str, code_dim: usize, device: &Device) -> Self {
+        let mut fixture = Fixture::open(name);
+        let (_, mut decoder) = fixture_decoder(code_dim, device);
         let scale = fixture.number("fc_out_scale");
         decoder.fc_out.weight = decoder.fc_out.weight.map(|t| scaled(t, scale));
         decoder.fc_out.bias = decoder.fc_out.bias.map(|bias| bias.map(|t| scaled(t, scale)));
@@ -71,7 +71,7 @@ impl Case {
             Tensor::from_data(TensorData::new(codes, [batch, code_dim]), device)
         });
         let labels = fixture.numbers("ray_label").iter().map(|&l| l as i64).collect();
-        Some(Self { name, fixture, decoder, codes, rays, object, labels, device: device.clone() })
+        Self { name, fixture, decoder, codes, rays, object, labels, device: device.clone() }
     }
 
     fn object_tensor(&self, device: &Device) -> Option<Tensor<1, Int>> {
@@ -138,7 +138,7 @@ impl Case {
 fn marching_agrees_with_the_reference_code_or_with_brute_force_where_that_is_wrong() {
     for (device_name, device) in double_precision_devices() {
         for (name, code_dim) in FILES {
-            let Some(mut case) = Case::open(name, code_dim, &device) else { return };
+            let mut case = Case::open(name, code_dim, &device);
             let (ours, starts_inside) = case.march();
             let reference_depth = case.fixture.numbers("f64.d_pred");
             let reference_hit = case.fixture.truths("f64.mask");
@@ -214,7 +214,7 @@ impl ModuleVisitor for Gradients<'_> {
 fn the_analytic_gradient_equals_the_reference_for_parameters_and_codes() {
     for (device_name, device) in double_precision_devices() {
         for (name, code_dim) in FILES.into_iter().filter(|(n, _)| !n.ends_with("n16") && !n.ends_with("bisection")) {
-            let Some(mut case) = Case::open(name, code_dim, &device) else { return };
+            let mut case = Case::open(name, code_dim, &device);
             let autodiff = device.clone().autodiff();
             let keep: Vec<usize> =
                 case.fixture.truths("f64.mask").iter().enumerate().filter(|(_, hit)| **hit).map(|(i, _)| i).collect();

@@ -29,11 +29,11 @@ struct Setup {
 impl Setup {
     /// An encoder whose codes lie near one that the fixtures' decoder was trained with, nearer the smaller its
     /// `influence`.
-    fn new(config: &EncoderConfig, size: usize, influence: f64, device: &Device) -> Option<Self> {
+    fn new(config: &EncoderConfig, size: usize, influence: f64, device: &Device) -> Self {
         device.seed(5);
         let tracking = device.clone().autodiff();
-        let (_, decoder) = fixture_decoder(32, device)?;
-        let codes = Fixture::open("codes_c32")?.numbers("codes");
+        let (_, decoder) = fixture_decoder(32, device);
+        let codes = Fixture::open("codes_c32").numbers("codes");
         let near = |last: Linear| Linear {
             weight: last.weight.map(|weight| (weight * influence).detach().require_grad()),
             bias: Some(Param::from_tensor(tensor1(&codes[..32], &tracking))),
@@ -63,7 +63,7 @@ impl Setup {
         let mut rays = Rays::new(&rays, UnitCube::default(), device);
         let object = (0..OBJECTS * RAYS).map(|i| (i / RAYS) as i64).collect();
         rays.object = Some(Tensor::from_data(TensorData::new(object, [OBJECTS * RAYS]), device));
-        Some(Self { model: ImageModel { encoder, decoder }, images, rays, weights })
+        Self { model: ImageModel { encoder, decoder }, images, rays, weights }
     }
 
     /// The codes, on the graph; normalisations take the statistics of the batch.
@@ -121,7 +121,7 @@ fn the_gradient_of_depth_for_the_first_convolution_equals_differences_of_encoder
         (EncoderConfig::Resnet18 { image_size: 64 }, 64, 0.05, 3e-9),
     ];
     for (config, size, influence, difference) in kinds {
-        let Some(setup) = Setup::new(&config, size, influence, &device) else { return };
+        let setup = Setup::new(&config, size, influence, &device);
         let weight = first_layer(&setup.model.encoder);
         let codes = setup.codes(&setup.model.encoder);
         let hits = setup.march(codes.clone().inner());

@@ -10,7 +10,7 @@ use dvr_render::extract::{ExtractSettings, FieldSurface, ScalarField, extract_me
 use dvr_render::{
     Crossing, Differentiable, Field, FieldShader, FieldValues, Query, RenderSettings, Shaded, Shader, Snapshot,
 };
-use dvr_tests::{check_field, gpu, seeded};
+use dvr_tests::{check_field, gpu, seeded, test_with};
 use glam::{DVec3, Vec3};
 
 /// A ball of radius 0.3, coloured by the viewing direction, grey without one.
@@ -141,9 +141,9 @@ fn a_grid_is_a_field() {
     check_field("grid", &grid());
 }
 
-#[test]
+#[test_with(gpu)]
 fn on_the_gpu_they_are_fields_too() {
-    let Some(gpu) = gpu() else { return };
+    let gpu = gpu();
     check_field("grid on the GPU", &GpuGridField::new(grid(), &gpu).unwrap());
     check_field("decoder on the GPU", &decoder().to_device(&gpu));
 }

@@ -2,13 +2,13 @@
 
 use burn::tensor::Tensor;
 use dvr_core::mesh::shapes;
-use dvr_tests::{gpu, rendered_scene};
+use dvr_tests::{gpu, rendered_scene, test_with};
 use dvr_train::{Checkpoint, Error, FieldMethod, RunFolder, RunOptions, Supervision, TrainConfig, train};
 
 // One test, because the limit holds for the whole process.
-#[test]
+#[test_with(gpu)]
 fn a_run_that_holds_more_memory_than_it_may_is_saved_and_ends() {
-    let Some(gpu) = gpu() else { return };
+    let gpu = gpu();
     let before = dvr_gpu::memory_held(&gpu).expect("the GPU reports it");
     let tensor = Tensor::<1>::zeros([1 << 20], &gpu);
     gpu.sync().unwrap();
@@ -28,7 +28,7 @@ fn a_run_that_holds_more_memory_than_it_may_is_saved_and_ends() {
     (config.model.hidden, config.model.blocks, config.model.octaves) = (16, 1, 0);
     (config.hull.warm_start_steps, config.losses.normal) = (0, 0.0);
     let run = RunFolder::new(folder.path().join("run"));
-    run.create().unwrap();
+    let _writing = run.create().unwrap();
     let options = RunOptions::new(run.clone(), gpu);
     dvr_gpu::limit_memory(10_000);
     let method = FieldMethod::new("small", config, |config, device| config.model.init(device)).with_decoder_settings();

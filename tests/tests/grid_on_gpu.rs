@@ -13,13 +13,17 @@ use dvr_grid::{Capacity, GridConfig, GridTrainer, TrainerState};
 use dvr_grid::{GpuGridField, GridField, GridValues};
 use dvr_render::Shader;
 use dvr_render::extract::ScalarField;
-use dvr_tests::{gpu, largest, max_difference, rendered_scene};
+use dvr_tests::{gpu, largest, max_difference, rendered_scene, test_with};
 use glam::{DVec3, Vec3};
 
 /// A ring, seen from twelve sides.
 fn ring() -> &'static Scene {
     static RING: OnceLock<Scene> = OnceLock::new();
-    RING.get_or_init(|| rendered_scene(shapes::torus(1.0, 0.45, 32, 16), 12, 32))
+    RING.get_or_init(|| {
+        let mut scene = rendered_scene(shapes::torus(1.0, 0.45, 32, 16), 12, 32);
+        scene.hold_out(4);
+        scene
+    })
 }
 
 /// A stage of 16 cells, trained as a whole, and one of 32, trained near the surface.
@@ -34,24 +38,24 @@ fn trainer(device: &Device, seed: u64, steps: usize) -> GridTrainer<'static> {
         capacity: Capacity::Cells(32),
         ..GridConfig::default()
     };
-    let views = ViewSplit::new(ring(), 4).unwrap();
-    GridTrainer::new(views, config).unwrap().on(device).unwrap()
+    let views = ViewSplit::of(ring()).unwrap();
+    GridTrainer::new(views.train, views.validation, config).unwrap().on(device).unwrap()
 }
 
-/// PSNR and silhouettes of held-out views, and the loss, after training.
+/// PSNR and silhouettes of validation views, and the loss, after training.
 fn trained(device: &Device, seed: u64) -> [f64; 3] {
     let mut trainer = trainer(device, seed, 60);
     let mut loss = 0.0;
     while trainer.steps_done() < trainer.total_steps() {
         loss = trainer.step().unwrap().loss;
     }
-    let found = trainer.validate(8192).expect("views are held out");
+    let found = trainer.validate(8192).expect("views validate");
     [found.psnr, found.mask_iou, loss]
 }
 
-#[test]
+#[test_with(gpu)]
 fn training_ends_near_the_cpu() {
-    let Some(gpu) = gpu() else { return };
+    let gpu = gpu();
     let on_cpu: Vec<[f64; 3]> = (0..3).map(|seed| trained(&Device::flex(), seed)).collect();
     let on_gpu = trained(&gpu, 0);
     println!("PSNR, IoU, loss: {on_gpu:.4?}; on the CPU with three seeds {on_cpu:.4?}");
@@ -67,9 +71,9 @@ fn bits(state: &TrainerState) -> (&[u8], &[u8]) {
     (&state.model, &state.training)
 }
 
-#[test]
+#[test_with(gpu)]
 fn a_run_resumes_bit_for_bit_on_the_gpu_and_closely_on_the_cpu() {
-    let Some(gpu) = gpu() else { return };
+    let gpu = gpu();
     let steps = 8;
     let mut unbroken = trainer(&gpu, 0, steps);
     let (mut states, mut losses) = (Vec::new(), Vec::new());
@@ -84,9 +88,9 @@ fn a_run_resumes_bit_for_bit_on_the_gpu_and_closely_on_the_cpu() {
         let mut resumed = trainer(device, 0, steps);
         resumed.resume(&states[done - 1], done).unwrap();
         (done..2 * steps).for_each(|_| drop(resumed.step().unwrap()));
-        (resumed.state().unwrap(), resumed.validate(4096).expect("views are held out"))
+        (resumed.state().unwrap(), resumed.validate(4096).expect("views validate"))
     };
-    let truth = unbroken.validate(4096).expect("views are held out");
+    let truth = unbroken.validate(4096).expect("views validate");
     // In the first stage, at its end, and in the second.
     for done in [3, 8, 13] {
         let (state, _) = resumed_at(&gpu, done);
@@ -120,9 +124,9 @@ fn points(count: usize) -> Vec<Vec3> {
     (0..count).map(|i| point(i).as_vec3()).collect()
 }
 
-#[test]
+#[test_with(gpu)]
 fn a_field_is_the_same_on_the_gpu() {
-    let Some(gpu) = gpu() else { return };
+    let gpu = gpu();
     let here = waves();
     let there = GpuGridField::new(here.clone(), &gpu).unwrap();
 

@@ -3,22 +3,23 @@
 //! Runs on the first adapter; a software adapter will do.
 
 use std::sync::OnceLock;
-use std::sync::atomic::AtomicBool;
 
 use burn::module::{Module, ModuleVisitor, Param};
 use burn::nn::Linear;
 use burn::optim::GradientsParams;
 use burn::tensor::{Device, Int, Tensor};
 use dvr_core::mesh::shapes;
-use dvr_core::{Camera, Ray, Scene, UnitCube};
+use dvr_core::{Camera, Ray, Scene, UnitCube, View};
 use dvr_model::{Conditioned, Decoder, DecoderConfig};
 use dvr_render::extract::FieldSurface;
 use dvr_render::{
     Crossing, Differentiable, Field, FieldShader, March, MarchSettings, Marcher, Query, RayStatus, Rays,
     RenderSettings, RootMethod, Shader, SlopeRule, Surface, TensorMarcher,
 };
-use dvr_tests::{gpu, max_difference, numbers, relative_difference, rendered_scene, seeded, tensor1, tensor3};
-use dvr_train::{StepReport, Supervision, TrainConfig, Trainer, ViewSplit, carve_hull, hull_bound, warm_start};
+use dvr_tests::{
+    gpu, max_difference, numbers, relative_difference, rendered_scene, seeded, tensor1, tensor3, test_with,
+};
+use dvr_train::{StepReport, Supervision, TrainConfig, Trainer, carve_hull, hull_bound, warm_start};
 use glam::DVec3;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -40,9 +41,9 @@ fn config(model: DecoderConfig, seed: u64) -> TrainConfig {
 fn fitted(config: &TrainConfig) -> Decoder {
     let device = Device::flex().autodiff();
     let newborn = seeded(config.seed, || config.model.init(&device));
-    let views = ViewSplit::new(ball(), config.hold_out_every).unwrap();
-    let hull = carve_hull(&views.train, 32).unwrap();
-    warm_start(newborn, &hull, config, &Device::flex(), &AtomicBool::new(false), |_| ())
+    let train: Vec<&View> = ball().views.iter().collect();
+    let hull = carve_hull(&train, 32).unwrap();
+    warm_start(newborn, &hull, config, &Device::flex(), &dvr_core::Cancellation::default(), |_| ()).unwrap()
 }
 
 /// The networks of the suite: narrow with an encoding, of an odd width and leaky, and as wide as a kernel allows.
@@ -72,9 +73,9 @@ fn rays(device: &Device) -> Rays {
     Rays::new(&rays, UnitCube::default(), device)
 }
 
-#[test]
+#[test_with(gpu)]
 fn values_and_derivatives_are_those_of_the_cpu() {
-    let Some(gpu) = gpu() else { return };
+    let gpu = gpu();
     for (name, decoder) in networks() {
         let answers = |decoder: &Decoder, device: &Device| {
             let query = Query::new(tensor3(&points(200), device));
@@ -131,9 +132,9 @@ fn assert_same_march(ours: &March, truth: &March, context: &str) {
     assert!(far <= 3, "{context}: {far} rays have their largest logit elsewhere");
 }
 
-#[test]
+#[test_with(gpu)]
 fn the_kernel_and_tensors_on_the_device_find_what_tensors_on_the_cpu_find() {
-    let Some(gpu) = gpu() else { return };
+    let gpu = gpu();
     for (name, decoder) in networks() {
         let on_gpu = decoder.clone().to_device(&gpu);
         let mut rng = ChaCha8Rng::seed_from_u64(2);
@@ -158,9 +159,9 @@ fn the_kernel_and_tensors_on_the_device_find_what_tensors_on_the_cpu_find() {
     }
 }
 
-#[test]
+#[test_with(gpu)]
 fn rays_of_many_objects_meet_their_own_object_in_the_kernel() {
-    let Some(gpu) = gpu() else { return };
+    let gpu = gpu();
     let flex = Device::flex();
     // Codes reach the field through projections that start at random; the rest was fitted to a ball.
     let mut decoder = fitted(&config(DecoderConfig::new().with_hidden(32), 0)).valid();
@@ -194,9 +195,9 @@ impl ModuleVisitor for Gradients<'_> {
     }
 }
 
-#[test]
+#[test_with(gpu)]
 fn gradients_of_march_and_depth_are_those_of_the_cpu() {
-    let Some(gpu) = gpu() else { return };
+    let gpu = gpu();
     let decoder = fitted(&config(DecoderConfig::new().with_hidden(32).with_octaves(2), 0));
     let gradients = |field: &Decoder, device: &Device| {
         let frozen = field.valid();
@@ -224,19 +225,19 @@ fn gradients_of_march_and_depth_are_those_of_the_cpu() {
 fn train(device: &Device, seed: u64) -> (Vec<StepReport>, Vec<f64>) {
     let config = config(DecoderConfig::new().with_hidden(32).with_octaves(2), seed);
     let field = fitted(&config).fork(&device.clone().autodiff());
-    let views = ViewSplit::new(ball(), config.hold_out_every).unwrap();
-    let bound = hull_bound(&carve_hull(&views.train, 32).unwrap());
+    let train: Vec<&View> = ball().views.iter().collect();
+    let bound = hull_bound(&carve_hull(&train, 32).unwrap());
     let steps = config.steps;
-    let mut trainer = Trainer::new(field, views, config, device.clone()).with_bound(bound);
+    let mut trainer = Trainer::new(field, train, Vec::new(), config, device.clone()).with_bound(bound);
     let reports = (0..steps).map(|_| trainer.step().unwrap()).collect();
     let frozen = trainer.frozen();
     let logits = frozen.occupancy_logit(&Query::new(tensor3(&points(100), device)));
     (reports, numbers(logits))
 }
 
-#[test]
+#[test_with(gpu)]
 fn training_ends_near_the_cpu_and_repeats_bit_for_bit() {
-    let Some(gpu) = gpu() else { return };
+    let gpu = gpu();
     let last = |reports: &[StepReport]| reports.last().map(|report| (report.loss, report.mask_iou)).expect("steps");
     let (reports, logits) = train(&gpu, 0);
     let (again, logits_again) = train(&gpu, 0);
@@ -262,9 +263,9 @@ fn training_ends_near_the_cpu_and_repeats_bit_for_bit() {
     assert!(apart < 0.02, "{apart:e}");
 }
 
-#[test]
+#[test_with(gpu)]
 fn a_render_on_the_gpu_is_that_of_the_cpu() {
-    let Some(gpu) = gpu() else { return };
+    let gpu = gpu();
     let decoder = fitted(&config(DecoderConfig::new().with_hidden(32).with_octaves(2), 0)).valid();
     let camera = Camera::look_at(16, 16, 45.0, DVec3::new(0.8, 0.5, -1.2), DVec3::ZERO, DVec3::Y);
     let rays: Vec<Ray> = (0..256).map(|i| camera.pixel_ray(i % 16, i / 16)).collect();

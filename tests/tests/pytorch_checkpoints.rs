@@ -58,9 +58,9 @@ fn decoder_of(checkpoint: PytorchCheckpoint) -> Imported<DecoderConfig> {
 fn a_decoder_comes_out_bit_for_bit_as_it_went_in_zip_and_legacy() {
     let device = Device::flex();
     for code_dim in [0, 32] {
-        let Some((config, expected)) = fixture_decoder(code_dim, &device) else { return };
+        let (config, expected) = fixture_decoder(code_dim, &device);
         for ending in ["", "_legacy"] {
-            let path = fixture(&format!("decoder_c{code_dim}_h64{ending}.pt")).unwrap();
+            let path = fixture(&format!("decoder_c{code_dim}_h64{ending}.pt"));
             let checkpoint = read_pytorch(&path, false, &device).unwrap();
             assert_eq!((checkpoint.epoch, checkpoint.iteration), (Some(41), Some(1234)));
             assert_eq!(checkpoint.best_validation, Some(0.875));
@@ -74,11 +74,9 @@ fn a_decoder_comes_out_bit_for_bit_as_it_went_in_zip_and_legacy() {
     }
 }
 
-#[test]
+#[test_with(large_fixture("resnet18_c256_fp16.pt"))]
 fn a_resnet_round_trips_bit_for_bit_and_gives_the_reference_codes() {
-    let (Some(path), Some(mut truth)) = (fixture("resnet18_c256_fp16.pt"), Fixture::open("resnet18_io")) else {
-        return;
-    };
+    let (path, mut truth) = (large_fixture("resnet18_c256_fp16.pt"), Fixture::open("resnet18_io"));
     let device = Device::flex();
     let config =
         ImageModelConfig { decoder: DecoderConfig::new().with_code_dim(256).with_hidden(4), ..Default::default() };
@@ -107,7 +105,7 @@ fn adams_moments_are_those_of_the_file_in_the_files_order() {
     let device = Device::flex();
     for name in ["decoder_c0_h64", "decoder_c32_h64"] {
         for ending in ["", "_legacy"] {
-            let Some(path) = fixture(&format!("{name}{ending}.pt")) else { return };
+            let path = fixture(&format!("{name}{ending}.pt"));
             let imported = decoder_of(read_pytorch(&path, false, &device).unwrap());
             let adam = imported.adam.unwrap();
             assert!(adam.steps > 0);
@@ -223,7 +221,7 @@ fn tensors_that_the_reference_code_does_not_have_are_named() {
 #[test]
 fn a_checkpoint_that_is_cut_short_is_refused() {
     for ending in ["", "_legacy"] {
-        let Some(path) = fixture(&format!("decoder_c0_h64{ending}.pt")) else { return };
+        let path = fixture(&format!("decoder_c0_h64{ending}.pt"));
         let bytes = std::fs::read(path).unwrap();
         let folder = tempfile::tempdir().unwrap();
         for share in [1, 5, 9] {

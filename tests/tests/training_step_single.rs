@@ -149,8 +149,8 @@ fn a_whole_training_step_has_the_reference_losses_gradients_and_adam_step() {
     for (device_name, device) in devices() {
         for (file, code_dim) in files {
             for space in ["world", "cam"] {
-                let Some(mut f) = Fixture::open(&format!("{file}_{space}")) else { return };
-                let Some((_, decoder)) = fixture_decoder(code_dim, &device.clone().autodiff()) else { return };
+                let mut f = Fixture::open(&format!("{file}_{space}"));
+                let (_, decoder) = fixture_decoder(code_dim, &device.clone().autodiff());
                 let codes = (code_dim > 0).then(|| Tensor::from_inner(rows(&f.numbers("c"), code_dim, &device)));
                 let field = BoundDecoder::new(&decoder, codes);
                 compare_step(&mut f, &field, &device, &format!("{device_name} {file}_{space}"));

@@ -7,7 +7,7 @@ use clap::Args;
 use dvr_train::Supervision;
 
 use super::method::MethodName;
-use super::values::parse_duration;
+use super::values::{parse_duration, within};
 use super::variant::{Variant, parse_variant};
 
 /// Arguments of `dvr bench`.
@@ -29,10 +29,10 @@ pub struct BenchArgs {
     /// What supervises the shape: rgb, depth, rgb+depth; comma-separated
     #[arg(long, value_delimiter = ',', default_value = "rgb", value_name = "WHAT")]
     pub supervision: Vec<Supervision>,
-    /// Number of seeds, counted from 0
-    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u64).range(1..=100), value_name = "N")]
+    /// Number of seeds, counted from 0 [1 to 100]
+    #[arg(long, default_value_t = 3, value_parser = within(1u64, 100), value_name = "N")]
     pub seeds: u64,
-    /// Time limit of each training, e.g. 10m
+    /// Time limit of each training, e.g. 10m [0s to 8760h]
     #[arg(long, value_parser = parse_duration, value_name = "TIME")]
     pub time: Option<Duration>,
     /// Measure Chamfer-L1 at each validation, for curves over time; the clocks stop meanwhile

@@ -15,8 +15,9 @@ pub struct BackendArg {
 /// Memory limit of commands that read a trained run.
 #[derive(Args, Clone, Copy, Debug)]
 pub struct MemoryArg {
-    /// Memory limit, e.g. 500M or 2G. Decoded photographs beyond it are paged from a scratch file. With --backend gpu it
-    /// also limits the GPU memory of tensors: work is split to fit [default: no limit]
+    /// Memory limit, e.g. 500M or 2G. Decoded photographs beyond it are paged from a scratch file, and what would take more
+    /// is refused. With --backend gpu it limits photographs, and the GPU memory of tensors: work is split to fit
+    /// [0 to 1000000G; default: what the machine has]
     #[arg(long, value_parser = parse_memory, value_name = "BYTES")]
     pub memory: Option<u64>,
 }

@@ -10,7 +10,7 @@ use super::device::BackendArg;
 use super::mesh::MeshingArgs;
 use super::scene::SceneArgs;
 use super::train::ObjectsArgs;
-use super::values::parse_shard;
+use super::values::{parse_length, parse_shard, within};
 
 /// Arguments of `dvr eval`.
 #[derive(Args, Debug)]
@@ -18,21 +18,26 @@ pub struct EvalArgs {
     /// Folder of a run, one of its checkpoints, or a mesh file in the scene's coordinates
     #[arg(required_unless_present_any = ["baseline", "merge"], conflicts_with_all = ["baseline", "merge"])]
     pub subject: Option<PathBuf>,
-    /// Scene with ground truth or held-out views, or dataset of objects [default: the run's own]
+    /// Scene with ground truth or test views, or dataset of objects [default: the run's own]
     #[arg(long, value_name = "PATH")]
     pub data: Option<PathBuf>,
     /// Also write the figures of a scene to this file, as JSON
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
+    /// Replace the file of --json
+    #[arg(long)]
+    pub overwrite: bool,
     /// Seed of the surface samples and of the choice of each object's input picture
     #[arg(long, default_value_t = 0, value_name = "N")]
     pub seed: u64,
-    /// Samples across the object cube when views are rendered
-    #[arg(long, default_value_t = 128, value_parser = clap::value_parser!(u32).range(2..=8192), value_name = "N")]
+    /// Samples across the object cube when views are rendered [2 to 8192]
+    #[arg(long, default_value_t = 128, value_parser = within(2u32, 8192), value_name = "N")]
     pub samples: u32,
-    /// Skip rendering the held-out views
+    /// Skip rendering the test views
     #[arg(long)]
     pub no_views: bool,
+    #[command(flatten)]
+    pub points: EvalPointsArgs,
     #[command(flatten)]
     pub objects: EvalObjectsArgs,
     #[command(flatten)]
@@ -41,6 +46,24 @@ pub struct EvalArgs {
     pub backend: BackendArg,
     #[command(flatten)]
     pub reading: SceneArgs,
+}
+
+/// How a mesh is measured by points that are known to lie on the surface.
+#[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "Verified points")]
+pub struct EvalPointsArgs {
+    /// Points on the true surface, in the coordinates of the scene's files: NPZ (`points`, with `views` and `error_px` if
+    /// known), PLY, or COLMAP's points3D.{bin,txt}; a mesh needs no --data then [default: those of the scene]
+    #[arg(long, value_name = "FILE")]
+    pub points: Option<PathBuf>,
+    /// Count points that are nearer than this, in the units of the files; several with commas
+    /// [above 0 to 1e12; default: five round numbers that fit the cloud]
+    #[arg(long, value_name = "LENGTH", value_delimiter = ',', value_parser = parse_length)]
+    pub thresholds: Vec<f64>,
+    /// How far the mesh may stand in front of a point before it hides it, in the units of the files
+    /// [above 0 to 1e12; default: a round number, at most 0.5 % of the cloud]
+    #[arg(long, value_name = "LENGTH", value_parser = parse_length)]
+    pub margin: Option<f64>,
 }
 
 /// How a model is evaluated on a dataset of objects.
@@ -55,10 +78,11 @@ pub struct EvalObjectsArgs {
     #[arg(long, short, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Evaluate one part of the objects, for a cluster's job array: 3/16 is the third of sixteen parts
+    /// [1 to 1000000 parts]
     #[arg(long, value_parser = parse_shard, value_name = "I/N")]
     pub shard: Option<Shard>,
-    /// Also compare renders of each mesh with this many views of the object
-    #[arg(long, default_value_t = 0, value_name = "N")]
+    /// Also compare renders of each mesh with this many views of the object [0 to 100000]
+    #[arg(long, default_value_t = 0, value_parser = within(0usize, 100_000), value_name = "N")]
     pub object_views: usize,
     /// Evaluate a baseline instead of a run
     #[arg(long, value_enum, requires = "data", requires = "out")]

@@ -14,6 +14,9 @@ pub struct ExportArgs {
     /// File to write, .safetensors
     #[arg(long, short, value_name = "FILE")]
     pub out: PathBuf,
+    /// Replace the file at --out
+    #[arg(long)]
+    pub overwrite: bool,
 }
 
 /// Arguments of `dvr import`.

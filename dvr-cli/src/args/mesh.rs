@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 
 use super::device::{BackendArg, MemoryArg};
-use super::values::parse_share;
+use super::values::within;
 
 /// Where the colours of a mesh come from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -29,17 +29,18 @@ pub enum ContourName {
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Mesh")]
 pub struct SurfaceArgs {
-    /// Cells per edge of the object cube [default: 256; 128 for objects of a dataset]
-    #[arg(long, value_parser = clap::value_parser!(u32).range(8..=2048), value_name = "N")]
+    /// Cells per edge of the object cube [8 to 2048; default: 256; 128 for objects of a dataset]
+    #[arg(long, value_parser = within(8u32, 2048), value_name = "N")]
     pub resolution: Option<u32>,
     /// How the surface is triangulated; the mesh is watertight either way
     #[arg(long, value_enum, default_value_t = ContourName::MarchingCubes)]
     pub contour: ContourName,
-    /// Drop connected components with less than this share of the largest one's area; 0 keeps all
-    #[arg(long, default_value_t = 0.01, value_name = "SHARE")]
+    /// Drop connected components with less than this share of the largest one's area; 0 keeps all [0 to 1]
+    #[arg(long, default_value_t = 0.01, value_parser = within(0.0, 1.0), value_name = "SHARE")]
     pub min_component: f64,
     /// Simplify the mesh; the surface moves by at most this share of the object cube's edge, e.g. 0.0005
-    #[arg(long, default_value_t = 0.0, value_parser = parse_share, value_name = "SHARE")]
+    /// [0 to 1]
+    #[arg(long, default_value_t = 0.0, value_parser = within(0f32, 1.0), value_name = "SHARE")]
     pub simplify: f32,
 }
 
@@ -62,8 +63,11 @@ pub struct MeshArgs {
     /// Output file, .ply, .obj or .glb [default: mesh.ply and mesh.glb in the run]
     #[arg(long, short, value_name = "FILE")]
     pub out: Option<PathBuf>,
-    /// Which object, counted from 0, for runs with one learned code per object
-    #[arg(long, value_name = "N")]
+    /// Replace the file at --out
+    #[arg(long)]
+    pub overwrite: bool,
+    /// Which object, counted from 0, for runs with one learned code per object [0 to 9999999]
+    #[arg(long, value_parser = within(0usize, 9_999_999), value_name = "N")]
     pub object: Option<usize>,
     /// Write the mesh in object space (the unit cube) instead of scene coordinates
     #[arg(long)]

@@ -26,7 +26,7 @@ impl ValueEnum for MethodName {
 /// Values of `--capacity`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CapacityArg {
-    /// As fine as held-out views justify.
+    /// As fine as validation views justify.
     Auto,
     /// Cells per edge.
     Cells(usize),

@@ -19,7 +19,7 @@ mod variant;
 use clap::{Parser, Subcommand};
 
 pub use bench::BenchArgs;
-pub use eval::{Baseline, EvalArgs, SplitArg};
+pub use eval::{Baseline, EvalArgs, EvalPointsArgs, SplitArg};
 pub use exchange::{ExportArgs, ImportArgs};
 pub use mesh::{Colors, ContourName, MeshArgs, MeshingArgs, SurfaceArgs};
 pub use method::CapacityArg;
@@ -36,12 +36,15 @@ pub use variant::Variant;
 
 /// Textured meshes from posed photographs, by differentiable volumetric rendering.
 #[derive(Debug, Parser)]
-#[command(name = "dvr", version, about, long_about = LONG_ABOUT)]
+#[command(name = "dvr", version = VERSION, about, long_about = LONG_ABOUT)]
 pub struct Cli {
     /// The command.
     #[command(subcommand)]
     pub command: Command,
 }
+
+/// Version and commit.
+const VERSION: &str = concat!(env!("CARGO_PKG_VERSION"), " (", env!("DVR_COMMIT"), ")");
 
 const LONG_ABOUT: &str = "Textured meshes from posed photographs, by differentiable volumetric rendering.
 
@@ -60,9 +63,9 @@ pub enum Command {
     Mesh(MeshArgs),
     /// Render a run: the dataset's views, or an orbit with a turntable animation
     Render(RenderArgs),
-    /// Evaluate a run or a mesh: shape against ground truth, renders against held-out views
+    /// Evaluate a run or a mesh: shape against ground truth or verified points, renders against test views
     Eval(EvalArgs),
-    /// Write a report of one run, or of several side by side, as an HTML page: mesh in 3D, held-out views, curves,
+    /// Write a report of one run, or of several side by side, as an HTML page: mesh in 3D, test views, curves,
     /// settings
     Report(ReportArgs),
     /// Compare methods, or variants of one: quality, time, memory and size, with their range over seeds
@@ -83,12 +86,81 @@ pub enum Command {
 
 #[cfg(test)]
 mod tests {
-    use clap::CommandFactory;
+    use std::any::TypeId;
+    use std::time::Duration;
+
+    use clap::{Arg, ArgAction, CommandFactory};
 
     use super::*;
 
     #[test]
     fn the_command_line_is_consistent() {
         Cli::command().debug_assert();
+    }
+
+    /// Arguments that take numbers, of all commands, with the command's name.
+    fn numeric() -> Vec<(String, Arg)> {
+        let numbers = [
+            TypeId::of::<u8>(),
+            TypeId::of::<u32>(),
+            TypeId::of::<u64>(),
+            TypeId::of::<usize>(),
+            TypeId::of::<f32>(),
+            TypeId::of::<f64>(),
+            TypeId::of::<(u32, u32)>(),
+            TypeId::of::<Duration>(),
+            TypeId::of::<dvr_train::Shard>(),
+        ];
+        let is_numeric = |arg: &Arg| {
+            let takes_value = matches!(arg.get_action(), ArgAction::Set | ArgAction::Append);
+            takes_value && numbers.iter().any(|number| arg.get_value_parser().type_id() == *number)
+        };
+        let command = Cli::command();
+        let of = |command: &clap::Command| {
+            let name = command.get_name().to_owned();
+            command.get_arguments().filter(|arg| is_numeric(arg)).map(|arg| (name.clone(), arg.clone())).collect()
+        };
+        command.get_subcommands().flat_map::<Vec<_>, _>(of).collect()
+    }
+
+    /// What an argument says of a value, where it refuses it.
+    fn refusal(arg: &Arg, value: &str) -> Option<String> {
+        let alone = Arg::new("value").long("value").value_parser(arg.get_value_parser().clone());
+        let command = clap::Command::new("dvr").arg(alone);
+        command.try_get_matches_from(["dvr".to_owned(), format!("--value={value}")]).err().map(|e| e.to_string())
+    }
+
+    #[test]
+    fn every_number_has_a_range_that_its_help_tells_and_its_refusal_names() {
+        let numeric = numeric();
+        assert!(numeric.len() > 25, "{}", numeric.len());
+        for (command, arg) in numeric {
+            let flag = arg.get_long().unwrap_or_default().to_owned();
+            let help = arg.get_help().map(ToString::to_string).unwrap_or_default().replace('\n', " ");
+            for absurd in ["-1e300", "nan", "inf", "-inf", "much", ""] {
+                let said = refusal(&arg, absurd).unwrap_or_else(|| panic!("{command} --{flag} takes {absurd}"));
+                assert!(!said.contains("panicked"), "{said}");
+            }
+            for absurd in ["1e18", "99999999999999999999999999"] {
+                assert!(refusal(&arg, absurd).is_some(), "{command} --{flag} takes {absurd}");
+            }
+            // Any whole number is a seed.
+            if flag == "seed" {
+                continue;
+            }
+            let said = refusal(&arg, "99999999999999999999999999").unwrap_or_default();
+            let range = said.split("from ").nth(1).unwrap_or_default().lines().next().unwrap_or_default();
+            assert!(!range.is_empty() && help.contains(range), "{command} --{flag}: {range:?} is not in {help:?}");
+            assert!(said.contains("99999999999999999999999999"), "{said}");
+        }
+    }
+
+    #[test]
+    fn other_values_that_hold_a_number_have_a_range_too() {
+        assert!(method::parse_capacity("4294967295").is_err_and(|said| said.contains("from 32 to 512")));
+        assert!(values::parse_shard("1/99999999999").is_err_and(|said| said.contains("1000000")));
+        for absurd in ["0", "-1", "nan", "4294967295", "1e18"] {
+            assert!(method::parse_capacity(absurd).is_err() && values::parse_size(absurd).is_err(), "{absurd}");
+        }
     }
 }

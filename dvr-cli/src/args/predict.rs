@@ -7,12 +7,13 @@ use dvr_core::dataset::BackgroundColor;
 
 use super::device::{BackendArg, MemoryArg};
 use super::mesh::SurfaceArgs;
+use super::values::within;
 
 /// Arguments of `dvr predict`.
 #[derive(Args, Debug)]
 #[command(
     after_help = "Each picture NAME gives NAME.glb and NAME.ply (coloured, in object space) and NAME.png, a preview: the encoder's \
-input, the mesh from two sides, its normals. Pictures should look like the training pictures: one object on white that \
+input, the mesh from two sides, its normals; NAME.json says what these were made of. Pictures should look like the training pictures: one object on white that \
 fills as much of the frame. An alpha channel is used as mask."
 )]
 pub struct PredictArgs {
@@ -24,7 +25,8 @@ pub struct PredictArgs {
     /// Folder for the meshes and previews
     #[arg(long, short, value_name = "DIR")]
     pub out: PathBuf,
-    /// Replace existing results; otherwise pictures that have results are skipped, which resumes an interrupted call
+    /// Make all results again; otherwise those of the same picture, run, settings, program and machine are kept, which
+    /// resumes an interrupted call
     #[arg(long)]
     pub overwrite: bool,
     /// Folder of masks with the pictures' names; the object is white
@@ -33,10 +35,11 @@ pub struct PredictArgs {
     /// Plain background, whose pixels are not object: white, black, or border (the colour of the picture's border)
     #[arg(long, value_name = "COLOR", help_heading = "Finding the object")]
     pub background: Option<BackgroundColor>,
-    /// How far a pixel's colour must be from the plain background, 0 to 255
+    /// How far a pixel's colour must be from the plain background [0 to 255]
     #[arg(
         long,
         default_value_t = 12,
+        value_parser = within(0u8, 255),
         requires = "background",
         value_name = "LEVEL",
         help_heading = "Finding the object"

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 
 use super::device::{BackendArg, MemoryArg};
+use super::values::within;
 
 /// Which cameras `dvr render` takes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -23,20 +24,23 @@ pub struct RenderArgs {
     /// Folder for the images
     #[arg(long, short, value_name = "DIR")]
     pub out: PathBuf,
-    /// Which object, counted from 0, for runs with one learned code per object
-    #[arg(long, value_name = "N")]
+    /// Replace the renders in --out
+    #[arg(long)]
+    pub overwrite: bool,
+    /// Which object, counted from 0, for runs with one learned code per object [0 to 9999999]
+    #[arg(long, value_parser = within(0usize, 9_999_999), value_name = "N")]
     pub object: Option<usize>,
     /// Cameras to render
     #[arg(long, value_enum, default_value_t = Cameras::Orbit)]
     pub cameras: Cameras,
-    /// Number of frames of the orbit
-    #[arg(long, default_value_t = 36, value_parser = clap::value_parser!(u32).range(1..=3600), value_name = "N")]
+    /// Number of frames of the orbit [1 to 3600]
+    #[arg(long, default_value_t = 36, value_parser = within(1u32, 3600), value_name = "N")]
     pub frames: u32,
-    /// Width and height of the orbit's frames, pixels
-    #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(8..=8192), value_name = "PIXELS")]
+    /// Width and height of the orbit's frames, pixels [8 to 8192]
+    #[arg(long, default_value_t = 256, value_parser = within(8u32, 8192), value_name = "PIXELS")]
     pub size: u32,
-    /// Elevation of the orbit's cameras, degrees
-    #[arg(long, default_value_t = 20.0, allow_negative_numbers = true, value_name = "DEGREES")]
+    /// Elevation of the orbit's cameras, degrees [-90 to 90]
+    #[arg(long, default_value_t = 20.0, value_parser = within(-90.0, 90.0), allow_negative_numbers = true, value_name = "DEGREES")]
     pub elevation: f64,
     /// Axis of the orbit in object space [default: mean up direction of the scene's cameras]
     #[arg(long, value_enum)]
@@ -50,8 +54,8 @@ pub struct RenderArgs {
     /// Also write normals as PNG
     #[arg(long)]
     pub normals: bool,
-    /// Samples across the object cube
-    #[arg(long, default_value_t = 128, value_parser = clap::value_parser!(u32).range(2..=8192), value_name = "N")]
+    /// Samples across the object cube [2 to 8192]
+    #[arg(long, default_value_t = 128, value_parser = within(2u32, 8192), value_name = "N")]
     pub samples: u32,
     /// The run's scene, if it was moved since training
     #[arg(long, value_name = "SCENE")]

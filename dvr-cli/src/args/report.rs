@@ -13,6 +13,9 @@ pub struct ReportArgs {
     /// Output file [default: report.html in the run's folder, or in the current folder for several runs]
     #[arg(long, short, value_name = "FILE")]
     pub out: Option<PathBuf>,
+    /// Replace the file at --out
+    #[arg(long)]
+    pub overwrite: bool,
     /// The scene of the runs, if it was moved since training
     #[arg(long, value_name = "SCENE")]
     pub data: Option<PathBuf>,

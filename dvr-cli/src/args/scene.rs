@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 use dvr_core::dataset::{Background, BackgroundColor, Format, Normalise, ReadOptions};
 
-use super::values::parse_memory;
+use super::values::{parse_memory, within};
 
 /// How a scene is read.
 #[derive(Args, Clone, Debug)]
@@ -15,34 +15,36 @@ pub struct SceneArgs {
     /// detected]
     #[arg(long)]
     pub format: Option<Format>,
-    /// Average NxN pixels into one
-    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=64), value_name = "N")]
-    pub downscale: u32,
+    /// Average NxN pixels into one [1 to 64; default: 1]
+    #[arg(long, value_parser = within(1u32, 64), value_name = "N")]
+    pub downscale: Option<u32>,
     /// Plain background, from which masks are made: white, black, or border (the colour of each picture's border)
     #[arg(long, value_name = "COLOR")]
     pub background: Option<BackgroundColor>,
-    /// How far a pixel's colour must be from the plain background, 0 to 255
-    #[arg(long, default_value_t = 12, requires = "background", value_name = "LEVEL")]
-    pub background_threshold: u8,
+    /// How far a pixel's colour must be from the plain background [0 to 255; default: 12]
+    #[arg(long, value_parser = within(0u8, 255), requires = "background", value_name = "LEVEL")]
+    pub background_threshold: Option<u8>,
     /// Train on masks as they are. By default mask files are refined for training where the photograph's colours show that
     /// parts of the object are missing or that a rim of background is included; metrics always use the masks as given
     #[arg(long)]
     pub no_mask_refinement: bool,
-    /// Use at most this many training views, spread evenly
-    #[arg(long, value_name = "N")]
+    /// Use at most this many training views, spread evenly [1 to 1000000]
+    #[arg(long, value_parser = within(1usize, 1_000_000), value_name = "N")]
     pub views: Option<usize>,
     /// Leave out views, by name or by number from 0; comma-separated
     #[arg(long, value_delimiter = ',', value_name = "VIEW")]
     pub ignore: Vec<String>,
-    /// How the object is centred and scaled to the unit cube
-    #[arg(long, value_enum, default_value_t = NormaliseArg::Auto, value_name = "HOW")]
-    pub normalise: NormaliseArg,
+    /// How the object is centred and scaled to the unit cube [default: auto]
+    #[arg(long, value_enum, value_name = "HOW")]
+    pub normalise: Option<NormaliseArg>,
     /// DVR layout: read depth maps from visual_hull_depth/
     #[arg(long)]
     pub visual_hull_depth: bool,
     /// Memory limit, e.g. 500M or 2G. Decoded photographs beyond it are paged from a scratch file in the temporary folder
-    /// (TMPDIR; 4 bytes per pixel), which is removed at the end; results are the same. With --backend gpu it also limits
-    /// the GPU memory of tensors: work is split to fit, and training whose step cannot fit is refused [default: no limit]
+    /// (TMPDIR; 4 bytes per pixel), which is removed at the end; results are the same. What would take more beside them is
+    /// refused before it starts. With --backend gpu it limits photographs, and the GPU memory of tensors: work is split to
+    /// fit, and training whose step cannot fit is refused
+    /// [0 to 1000000G; default: what the machine has]
     #[arg(long, value_parser = parse_memory, value_name = "BYTES")]
     pub memory: Option<u64>,
 }
@@ -58,22 +60,36 @@ pub enum NormaliseArg {
     Hull,
 }
 
+impl NormaliseArg {
+    /// As the library has it.
+    pub fn normalise(self) -> Normalise {
+        match self {
+            Self::Auto => Normalise::Auto,
+            Self::Files => Normalise::Files,
+            Self::Hull => Normalise::Hull,
+        }
+    }
+}
+
 impl SceneArgs {
+    /// The plain background, where there is one.
+    pub fn background(&self) -> Option<Background> {
+        let background = Background::of(self.background?);
+        Some(Background { threshold: self.background_threshold.unwrap_or(background.threshold), ..background })
+    }
+
     /// The library's options.
     pub fn read_options(&self) -> ReadOptions {
         ReadOptions {
             format: self.format,
-            downscale: self.downscale,
-            background: self.background.map(|color| Background { color, threshold: self.background_threshold }),
+            downscale: self.downscale.unwrap_or(1),
+            background: self.background(),
             n_views: self.views,
             ignored_views: self.ignore.clone(),
-            normalise: match self.normalise {
-                NormaliseArg::Auto => Normalise::Auto,
-                NormaliseArg::Files => Normalise::Files,
-                NormaliseArg::Hull => Normalise::Hull,
-            },
+            normalise: self.normalise.map_or(Normalise::Auto, NormaliseArg::normalise),
             visual_hull_depth: self.visual_hull_depth,
             max_memory: self.memory,
+            ..ReadOptions::default()
         }
     }
 }

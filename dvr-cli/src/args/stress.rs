@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::method::MethodName;
+use super::values::within;
 use super::variant::{Variant, parse_variant};
 
 /// Arguments of `dvr stress`.
@@ -27,8 +28,8 @@ pub struct StressArgs {
     /// Test all other methods and variants (except the hull) only at the difficulty where this one first fails
     #[arg(long, value_name = "NAME")]
     pub against: Option<String>,
-    /// Number of seeds, counted from 0, of scenes, faults and training [default: 1; with --full 3]
-    #[arg(long, value_parser = clap::value_parser!(u64).range(1..=100), value_name = "N")]
+    /// Number of seeds, counted from 0, of scenes, faults and training [1 to 100; default: 1; with --full 3]
+    #[arg(long, value_parser = within(1u64, 100), value_name = "N")]
     pub seeds: Option<u64>,
     /// All difficulties, all methods, three seeds: takes days. The default set takes minutes
     #[arg(long)]

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::values::parse_size;
+use super::values::{parse_size, within};
 
 /// Arguments of `dvr synth`.
 #[derive(Args, Debug)]
@@ -15,10 +15,10 @@ pub struct SynthArgs {
     /// Folder of the dataset
     #[arg(long, short, value_name = "DIR", required_unless_present = "print_config")]
     pub out: Option<PathBuf>,
-    /// Views per object
-    #[arg(long, default_value_t = 24, value_parser = clap::value_parser!(u32).range(1..=10_000), value_name = "N")]
+    /// Views per object [1 to 10000]
+    #[arg(long, default_value_t = 24, value_parser = within(1u32, 10_000), value_name = "N")]
     pub views: u32,
-    /// Width and height in pixels, e.g. 64 or 320x240
+    /// Width and height in pixels, e.g. 64 or 320x240 [1 to 16384]
     #[arg(long, default_value = "64", value_parser = parse_size, value_name = "SIZE")]
     pub size: (u32, u32),
     /// Category of meshes given as files [default: the folder's name]

@@ -11,7 +11,7 @@ use super::device::BackendArg;
 use super::mesh::MeshingArgs;
 use super::method::{CapacityArg, MethodName, parse_capacity};
 use super::scene::SceneArgs;
-use super::values::{parse_bytes, parse_duration};
+use super::values::{parse_bytes, parse_duration, within};
 use crate::backend::Backend;
 
 /// Arguments of `dvr train`.
@@ -24,10 +24,11 @@ pub struct TrainArgs {
     /// Folder of the run: checkpoints, mesh, preview sheet, metrics, report
     #[arg(long, short, value_name = "DIR", required_unless_present = "print_config")]
     pub out: Option<PathBuf>,
-    /// Resume the run in --out from its last checkpoint
-    #[arg(long, conflicts_with_all = ["overwrite", "config", "set", "supervision", "steps", "seed", "method", "refine_cameras", "capacity", "max_bytes", "categories", "inputs", "pretrained"])]
+    /// Resume the run in --out from its last checkpoint, with the options that it began with. Options that are given again
+    /// must be the same, except for time, devices, mesh and report, and for more steps of networks
+    #[arg(long, conflicts_with = "overwrite")]
     pub resume: bool,
-    /// Replace the run in --out
+    /// Replace the run in --out: its own files, and nothing else in the folder
     #[arg(long)]
     pub overwrite: bool,
     /// What supervises the shape: rgb, depth or rgb+depth; for datasets of objects also occupancy (3D, from points.npz)
@@ -37,21 +38,22 @@ pub struct TrainArgs {
     /// Reconstruction method [default: grid; for datasets of objects: objects]
     #[arg(long, visible_alias = "preset", value_enum, help_heading = "Training")]
     pub method: Option<MethodName>,
-    /// Finest grid of the method `grid`: auto (decided on held-out views), or cells per edge, a power of two from 32 to
+    /// Finest grid of the method `grid`: auto (decided on validation views), or cells per edge, a power of two from 32 to
     /// 512 [default: auto]
     #[arg(long, value_parser = parse_capacity, value_name = "CELLS", help_heading = "Training")]
     pub capacity: Option<CapacityArg>,
-    /// Largest size of the stored field of the method `grid`, e.g. 32k or 1M
+    /// Largest size of the stored field of the method `grid`, e.g. 32k or 1M [1 to 1000G]
     #[arg(long, value_parser = parse_bytes, value_name = "BYTES", help_heading = "Training")]
     pub max_bytes: Option<usize>,
     /// Refine cameras that are slightly off (a degree, some per cent) before training, in at most ROUNDS rounds of one or
-    /// two seconds each. Refined cameras are written to cameras.json
-    #[arg(long, value_name = "ROUNDS", num_args = 0..=1, default_missing_value = "10", help_heading = "Training")]
+    /// two seconds each. Refined cameras are written to cameras.json [0 to 1000]
+    #[arg(long, value_parser = within(0usize, 1000), value_name = "ROUNDS", num_args = 0..=1, default_missing_value = "10", help_heading = "Training")]
     pub refine_cameras: Option<usize>,
-    /// Optimiser steps; with the method `grid`, per stage [default: see --print-config]
-    #[arg(long, value_name = "N", help_heading = "Training")]
+    /// Optimiser steps; with the method `grid`, per stage
+    /// [0 to 1000000000; default: see --print-config]
+    #[arg(long, value_parser = within(0usize, 1_000_000_000), value_name = "N", help_heading = "Training")]
     pub steps: Option<usize>,
-    /// Time limit of training, e.g. 90s, 10m, 2h
+    /// Time limit of training, e.g. 90s, 10m, 2h [0s to 8760h]
     #[arg(long, value_parser = parse_duration, value_name = "TIME", help_heading = "Training")]
     pub time: Option<Duration>,
     /// Seed of all random choices [default: 0]

@@ -1,8 +1,24 @@
 //! Parsers of values: times, sizes, shares.
 
+use std::fmt::Display;
+use std::str::FromStr;
 use std::time::Duration;
 
 use dvr_train::Shard;
+
+/// Reads a number between two, both included. The help of an argument says which.
+pub(super) fn within<T>(least: T, most: T) -> impl Fn(&str) -> Result<T, String> + Clone + Send + Sync + 'static
+where
+    T: FromStr + PartialOrd + Display + Clone + Send + Sync + 'static,
+{
+    move |text: &str| {
+        let number = text.parse().ok().filter(|number| (&least..=&most).contains(&number));
+        number.ok_or_else(|| format!("write a number from {least} to {most}"))
+    }
+}
+
+/// Longest time limit: a year.
+const LONGEST: Duration = Duration::from_hours(8760);
 
 /// Reads `90s`, `10m`, `2h` or plain seconds.
 pub(super) fn parse_duration(text: &str) -> Result<Duration, String> {
@@ -12,32 +28,50 @@ pub(super) fn parse_duration(text: &str) -> Result<Duration, String> {
         Some((i, 'h')) => (&text[..i], 3600.0),
         _ => (text, 1.0),
     };
-    let seconds: f64 = number.parse().map_err(|_| format!("{text:?} is not a time; write 90s, 10m or 2h"))?;
-    Duration::try_from_secs_f64(seconds * factor).map_err(|e| format!("{text:?}: {e}"))
+    let seconds: f64 = number
+        .parse()
+        .map_err(|_| format!("{text:?} is not a time; write a time from 0s to 8760h, e.g. 90s, 10m or 2h"))?;
+    let time = Duration::try_from_secs_f64(seconds * factor).ok().filter(|time| *time <= LONGEST);
+    time.ok_or_else(|| format!("{text:?}: write a time from 0s to 8760h"))
 }
+
+/// Most parts that an evaluation is divided into.
+const MOST_SHARDS: usize = 1_000_000;
 
 /// Reads `3/16`.
 pub(super) fn parse_shard(text: &str) -> Result<Shard, String> {
     let parts = text.split_once('/').and_then(|(number, of)| Some((number.parse().ok()?, of.parse().ok()?)));
-    let shard = parts.map(|(number, of)| Shard { number, of }).filter(|shard| (1..=shard.of).contains(&shard.number));
-    shard.ok_or_else(|| format!("{text:?} is not a part; write 1/16, 2/16, ... up to 16/16"))
+    let shard = parts
+        .map(|(number, of)| Shard { number, of })
+        .filter(|shard| (1..=shard.of).contains(&shard.number) && shard.of <= MOST_SHARDS);
+    shard.ok_or_else(|| {
+        format!("{text:?} is not a part; write 1/16, 2/16, ... up to 16/16, of parts from 1 to {MOST_SHARDS}")
+    })
 }
 
-/// Reads a share from 0 to 1.
-pub(super) fn parse_share(text: &str) -> Result<f32, String> {
-    let share = text.parse::<f32>().ok().filter(|share| (0.0..=1.0).contains(share));
-    share.ok_or_else(|| format!("{text:?} is not a share; write a number from 0 to 1, e.g. 0.0005"))
+/// Largest stored field, and most memory.
+const MOST_BYTES: u64 = 1_000_000_000_000;
+const MOST_MEMORY: u64 = 1_000 * MOST_BYTES;
+
+/// Largest threshold of distances, in the units of the files.
+const LONGEST_LENGTH: f64 = 1e12;
+
+/// Reads a length, which is positive and finite.
+pub(super) fn parse_length(text: &str) -> Result<f64, String> {
+    let length = text.trim().parse::<f64>().ok().filter(|length| *length > 0.0 && *length <= LONGEST_LENGTH);
+    length.ok_or_else(|| format!("{text:?} is not a length; write a number above 0, e.g. 0.5, from above 0 to 1e12"))
 }
 
 /// Reads the size of a stored field, which is not 0.
 pub(super) fn parse_bytes(text: &str) -> Result<usize, String> {
-    let bytes = bytes_of(text).filter(|&n| n > 0).and_then(|n| usize::try_from(n).ok());
-    bytes.ok_or_else(|| format!("{text:?} is not a size; write 32000, 32k or 1M"))
+    let bytes = bytes_of(text).filter(|&n| n > 0 && n <= MOST_BYTES).and_then(|n| usize::try_from(n).ok());
+    bytes.ok_or_else(|| format!("{text:?} is not a size; write 32000, 32k or 1M, from 1 to 1000G"))
 }
 
 /// Reads an amount of memory, which may be 0.
 pub(super) fn parse_memory(text: &str) -> Result<u64, String> {
-    bytes_of(text).ok_or_else(|| format!("{text:?} is not an amount of memory; write 500M or 2G"))
+    let bytes = bytes_of(text).filter(|&n| n <= MOST_MEMORY);
+    bytes.ok_or_else(|| format!("{text:?} is not an amount of memory; write 500M or 2G, from 0 to 1000000G"))
 }
 
 /// `32000`, `32k`, `1M` or `2G` in bytes.
@@ -57,7 +91,7 @@ pub(super) fn parse_size(text: &str) -> Result<(u32, u32), String> {
     let side = |s: &str| s.parse::<u32>().ok().filter(|n| (1..=16_384).contains(n));
     match (side(width), side(height)) {
         (Some(width), Some(height)) => Ok((width, height)),
-        _ => Err(format!("{text:?} is not a size; write 64 or 320x240, at most 16384")),
+        _ => Err(format!("{text:?} is not a size; write 64 or 320x240, sides from 1 to 16384")),
     }
 }
 
@@ -79,6 +113,8 @@ mod tests {
         for wrong in ["-1", "2T", "1.5G", "G", "", "18446744073709551615k"] {
             assert!(parse_memory(wrong).is_err(), "{wrong}");
         }
+        assert_eq!((parse_length("0.5"), parse_length(" 2e-3")), (Ok(0.5), Ok(0.002)));
+        assert!(["0", "-1", "nan", "inf", "", "mm"].into_iter().all(|length| parse_length(length).is_err()));
         assert!(parse_size("0").is_err() && parse_size("axb").is_err());
     }
 }

@@ -7,8 +7,6 @@ use dvr_core::files::write_bytes_atomically;
 use dvr_report::chart::file_name;
 use dvr_report::{Page, Section};
 
-use super::machine::Machine;
-
 /// A page in the making.
 pub struct BenchmarkPage {
     folder: PathBuf,
@@ -35,10 +33,10 @@ impl BenchmarkPage {
         Ok(write_bytes_atomically(&path.with_extension("csv"), csv.as_bytes())?)
     }
 
-    /// Writes the page.
-    pub fn save(self, title: &str, machine: &Machine) -> Result<()> {
-        let footer = format!("{}. This file is complete: it loads nothing from the network.", machine.program);
-        let page = Page { title: title.into(), subtitle: machine.to_string(), sections: self.sections, footer };
+    /// Writes the page; `origin` says where its figures come from.
+    pub fn save(self, title: &str, origin: &str) -> Result<()> {
+        let footer = "This file is complete: it loads nothing from the network.".to_owned();
+        let page = Page { title: title.into(), subtitle: origin.into(), sections: self.sections, footer };
         Ok(write_bytes_atomically(&self.folder.join("report.html"), page.to_html().as_bytes())?)
     }
 }

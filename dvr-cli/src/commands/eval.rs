@@ -3,19 +3,22 @@
 use std::path::Path;
 use std::process::ExitCode;
 
-use anyhow::{Context, Result, bail};
-use dvr_core::dataset::read_scene;
+use anyhow::{Result, bail};
+use dvr_core::dataset::{ReadOptions, read_scene};
+use dvr_core::files::check_file;
 use dvr_core::mesh::{Mesh, read_mesh};
-use dvr_core::{Scene, View};
+use dvr_core::{Camera, Cancellation, HOLD_OUT_EVERY, Scene, View};
 use dvr_render::{MeshShader, Shader};
 use dvr_train::{
-    Checkpoint, ColorSource, Error, GridConfig, MeshOptions, Observer, ShapeEvaluation, Supervision, ViewEvaluation,
-    ViewSplit, evaluate_shape, evaluate_views, method_of, object_mesh, surface_points, unseen_views,
+    Checkpoint, ColorSource, Error, MeshOptions, Observer, PointsEvaluation, ShapeEvaluation, ViewEvaluation,
+    ViewSplit, evaluate_shape, evaluate_views, method_of, object_mesh, surface_points, world_mesh,
 };
 use serde::Serialize;
 
+use super::points_table::{print_points, score_by_points};
+use super::resumed::refuse_other_reading;
 use super::shape_table::print_shape;
-use super::{SCENE_RESOLUTION, eval_objects, load_model, load_run, mesh_options, scene_of_run};
+use super::{SCENE_RESOLUTION, eval_objects, load_model, load_run, mesh_options, print_notes, scene_of_run};
 use crate::args::EvalArgs;
 use crate::memory;
 use crate::progress::Progress;
@@ -23,32 +26,46 @@ use crate::progress::Progress;
 /// What is written with `--json`.
 #[derive(Serialize)]
 struct Report {
-    scene: String,
+    /// Name of the scene, where one was read.
+    scene: Option<String>,
     shape: ShapeEvaluation,
     views: Vec<ViewEvaluation>,
+    /// Against verified points, where these were given or come with the scene; in the units of the files.
+    points: Option<PointsEvaluation>,
 }
 
 /// Measures and prints.
-pub fn run(args: &EvalArgs) -> Result<ExitCode> {
-    let Some(subject) = &args.subject else { return eval_objects::without_run(args) };
+pub fn run(args: &EvalArgs, cancellation: &Cancellation) -> Result<ExitCode> {
+    let Some(subject) = &args.subject else {
+        refuse_points(args)?;
+        return eval_objects::without_run(args, cancellation);
+    };
+    if let Some(path) = &args.json {
+        check_file(path, args.overwrite)?;
+    }
     let is_mesh = subject.is_file() && subject.extension().is_none_or(|e| e != "ckpt" && e != "dvr");
     let report = if is_mesh {
         refuse_objects(args)?;
-        of_mesh(args, subject)?
+        of_mesh(args, subject, cancellation)?
     } else {
         let checkpoint = load_run(subject)?;
         if method_of(&checkpoint.header.method)?.objects().is_some() {
-            return eval_objects::of_run(args, subject, &checkpoint);
+            refuse_points(args)?;
+            return eval_objects::of_run(args, subject, &checkpoint, cancellation);
         }
         refuse_objects(args)?;
-        of_run(args, &checkpoint)?
+        of_run(args, &checkpoint, cancellation)?
     };
     print_shape(&report.shape);
+    if let Some(points) = &report.points {
+        print_points(points);
+    }
     print_views(&report.views);
-    if report.shape == (ShapeEvaluation { surface: None, floor: None, volume_iou: None }) && report.views.is_empty() {
+    if report.shape == ShapeEvaluation::default() && report.views.is_empty() && report.points.is_none() {
         bail!(
-            "scene {:?} has neither ground truth nor views that were held out: there is nothing to compare",
-            report.scene
+            "scene {:?} has neither ground truth nor test views: there is nothing to compare. Points that are known to lie on \
+             the surface are given with --points FILE",
+            report.scene.unwrap_or_default()
         );
     }
     if let Some(path) = &args.json {
@@ -70,26 +87,62 @@ fn refuse_objects(args: &EvalArgs) -> Result<()> {
     Ok(())
 }
 
-fn of_mesh(args: &EvalArgs, mesh: &Path) -> Result<Report> {
-    let data = args.data.as_ref().context("a mesh is measured against a scene: give it with --data")?;
-    let scene = read_scene(data, &args.reading.read_options())?;
-    let mesh = read_mesh(mesh)?.mesh.transformed(&scene.object_to_world.inverse());
-    let shape = evaluate_shape(&mesh, &scene.ground_truth, args.seed)?;
-    let hold_out_every = GridConfig::new(Supervision::default()).hold_out_every;
-    let held_out = unseen_views(&scene, &ViewSplit::new(&scene, hold_out_every)?);
-    let views = if args.no_views { Vec::new() } else { rendered(&MeshShader::new(&mesh), &held_out)? };
-    Ok(Report { scene: scene.name, shape, views })
+/// Refuses what has a meaning for single scenes only.
+fn refuse_points(args: &EvalArgs) -> Result<()> {
+    if args.points.points.is_some() {
+        bail!("--points measures a single scene's mesh, and this is a dataset of objects");
+    }
+    Ok(())
 }
 
-fn of_run(args: &EvalArgs, checkpoint: &Checkpoint) -> Result<Report> {
-    let scene: Scene = scene_of_run(checkpoint, args.data.as_ref(), args.reading.memory)?;
+fn of_mesh(args: &EvalArgs, mesh: &Path, cancellation: &Cancellation) -> Result<Report> {
+    let textured = read_mesh(mesh)?;
+    let Some(data) = &args.data else {
+        let points = score_by_points(&args.points, &textured.mesh, None, false)?;
+        if points.is_none() {
+            bail!("a mesh is measured against a scene or points: give them with --data or --points");
+        }
+        return Ok(Report { scene: None, shape: ShapeEvaluation::default(), views: Vec::new(), points });
+    };
+    let options = ReadOptions { cancellation: cancellation.clone(), ..args.reading.read_options() };
+    let mut scene = read_scene(data, &options)?;
+    let points = score_by_points(&args.points, &textured.mesh, Some(&scene), false)?;
+    let textured = textured.transformed(&scene.object_to_world.inverse());
+    let shape = evaluate_shape(&textured.mesh, &scene.ground_truth, &cameras_of(&scene), args.seed)?;
+    let parts = scene.hold_out(HOLD_OUT_EVERY);
+    let views = if args.no_views {
+        Vec::new()
+    } else {
+        eprintln!("views as a run with the default settings divides them: {parts}");
+        rendered(&MeshShader::textured(&textured), &with_masks(&ViewSplit::of(&scene)?.test)?, cancellation)?
+    };
+    Ok(Report { scene: Some(scene.name), shape, views, points })
+}
+
+/// The views, all of which have masks: figures over some of them would pass for those of all.
+fn with_masks<'a>(views: &[&'a View]) -> Result<Vec<&'a View>> {
+    let without = views.iter().filter(|view| view.mask.is_none());
+    let without: Vec<String> = without.map(|view| view.name.clone()).collect();
+    if !without.is_empty() {
+        let missing = anyhow::Error::from(dvr_core::Error::MasksMissing { views: without });
+        return Err(missing.context("views that are measured (--no-views measures the shape alone)"));
+    }
+    Ok(views.to_vec())
+}
+
+fn of_run(args: &EvalArgs, checkpoint: &Checkpoint, cancellation: &Cancellation) -> Result<Report> {
+    refuse_other_reading(&args.reading, checkpoint)?;
+    let scene: Scene = scene_of_run(checkpoint, args.data.as_ref(), args.reading.memory, cancellation)?;
     let device = args.backend.backend.device_for(method_of(&checkpoint.header.method)?.as_ref())?;
     memory::limit(&device, args.reading.memory);
+    let options = mesh_options(&args.meshing, SCENE_RESOLUTION, cancellation);
+    memory::check_extraction(&options.extraction, &device, args.reading.memory)?;
     let model = load_model(checkpoint, None, &device)?;
-    let split = ViewSplit::new(&scene, checkpoint.header.common.hold_out_every)?;
+    print_notes(&scene.warnings);
+    let split = ViewSplit::of(&scene)?;
     let seeds = surface_points(model.thorough_shader().as_ref(), &split.train, 2_000);
     // Photographs tell which small pieces stay; colours are not looked at.
-    let options = MeshOptions { colors: ColorSource::Field, ..mesh_options(&args.meshing, SCENE_RESOLUTION) };
+    let options = MeshOptions { colors: ColorSource::Field, ..options };
     let mesh = match object_mesh(model.as_ref(), &options, &seeds, &split.train) {
         Ok(extracted) => extracted.mesh,
         Err(Error::NoMesh(reason)) => {
@@ -98,19 +151,25 @@ fn of_run(args: &EvalArgs, checkpoint: &Checkpoint) -> Result<Report> {
         }
         Err(other) => return Err(other.into()),
     };
-    let shape = evaluate_shape(&mesh, &scene.ground_truth, args.seed)?;
+    let shape = evaluate_shape(&mesh, &scene.ground_truth, &cameras_of(&scene), args.seed)?;
     let mut views = Vec::new();
     if !args.no_views {
-        let held_out = unseen_views(&scene, &split);
-        views = rendered(model.shader(args.samples as usize).as_ref(), &held_out)?;
+        views = rendered(model.shader(args.samples as usize).as_ref(), &split.test, cancellation)?;
     }
-    Ok(Report { scene: scene.name, shape, views })
+    let trained_on_points = method_of(&checkpoint.header.method)?.needs().sparse_points;
+    let in_world = world_mesh(&mesh, &scene.object_to_world);
+    let points = score_by_points(&args.points, &in_world, Some(&scene), trained_on_points)?;
+    Ok(Report { scene: Some(scene.name), shape, views, points })
 }
 
-fn rendered(shader: &dyn Shader, views: &[&View]) -> Result<Vec<ViewEvaluation>> {
+fn cameras_of(scene: &Scene) -> Vec<&Camera> {
+    scene.views.iter().map(|view| &view.camera).collect()
+}
+
+fn rendered(shader: &dyn Shader, views: &[&View], cancellation: &Cancellation) -> Result<Vec<ViewEvaluation>> {
     let mut progress = Progress::new();
-    progress.phase("rendering held-out views", views.len());
-    Ok(evaluate_views(shader, views, |done| progress.progress(done, ""))?)
+    progress.phase("rendering test views", views.len());
+    Ok(evaluate_views(shader, views, cancellation, |done| progress.progress(done, ""))?)
 }
 
 /// Prints the views' figures and their means.
@@ -118,7 +177,7 @@ fn print_views(views: &[ViewEvaluation]) {
     if views.is_empty() {
         return;
     }
-    println!("held-out views (both pictures on white)");
+    println!("test views (both pictures on white)");
     println!("  {:<22}{:>9}{:>9}{:>9}", "view", "PSNR dB", "SSIM", "mask IoU");
     for view in views {
         println!("  {:<22}{:>9.2}{:>9.4}{:>9.4}", view.view, view.psnr, view.ssim, view.mask_iou);

@@ -2,26 +2,43 @@
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::atomic::Ordering;
 
 use anyhow::{Context, Result, bail};
 use clap::ValueEnum;
 use dvr_core::dataset::ObjectDataset;
+use dvr_core::files::{FolderKind, OutputFolder};
+use dvr_core::record::{Digest, RecordKey};
+use dvr_core::{Cancellation, Split};
 use dvr_train::{
     Checkpoint, Evaluation, MeanShapes, Measurement, NearestPicture, ObjectModel, Observer, Predictor, Results, Shard,
     Summary, merge_results, to_markdown, write_summaries,
 };
+use serde_json::json;
 
 use super::dataset_of_run::options_of_run;
+use super::provenance::record_key;
 use super::{OBJECT_RESOLUTION, mesh_options};
 use crate::EXIT_INTERRUPTED;
 use crate::args::{Baseline, EvalArgs, SplitArg};
-use crate::interrupt::{self, INTERRUPTED};
 use crate::memory;
 use crate::progress::Progress;
 
+/// The tables.
+const SUMMARIES: [&str; 3] = ["summary.json", "summary.csv", "summary.md"];
+
+/// What is measured.
+struct Subject {
+    predictor: Predictor,
+    name: String,
+    steps: usize,
+    /// Of its parameters, or of what it has read.
+    digest: Digest,
+    /// What computes it.
+    device: String,
+}
+
 /// Measures a run.
-pub fn of_run(args: &EvalArgs, run: &Path, checkpoint: &Checkpoint) -> Result<ExitCode> {
+pub fn of_run(args: &EvalArgs, run: &Path, checkpoint: &Checkpoint, cancellation: &Cancellation) -> Result<ExitCode> {
     let device = args.backend.backend.device()?;
     memory::limit(&device, args.reading.memory);
     let model = ObjectModel::load(checkpoint, &device)?;
@@ -39,12 +56,19 @@ pub fn of_run(args: &EvalArgs, run: &Path, checkpoint: &Checkpoint) -> Result<Ex
     let split_name = split.to_possible_value().map_or(String::new(), |value| value.get_name().to_owned());
     let out = args.objects.out.clone().unwrap_or_else(|| folder.join(format!("eval_{split_name}")));
     let name = folder.canonicalize().ok().and_then(|path| Some(path.file_name()?.to_string_lossy().into_owned()));
-    let predictor = Predictor::Model(Box::new(model));
-    measure(args, &dataset, &predictor, name.unwrap_or_else(|| "run".to_owned()), checkpoint.header.step, &out)
+    let config = serde_json::to_value(&checkpoint.header.method)?;
+    let subject = Subject {
+        digest: Digest::of_all([&Digest::of_bytes(&checkpoint.state.model), &Digest::of_json(&config)]),
+        predictor: Predictor::Model(Box::new(model)),
+        name: name.unwrap_or_else(|| "run".to_owned()),
+        steps: checkpoint.header.step,
+        device: args.backend.backend.described(),
+    };
+    measure(args, &dataset, &subject, &out, cancellation)
 }
 
 /// Measures a baseline, or joins files.
-pub fn without_run(args: &EvalArgs) -> Result<ExitCode> {
+pub fn without_run(args: &EvalArgs, cancellation: &Cancellation) -> Result<ExitCode> {
     let Some(out) = &args.objects.out else { bail!("no folder for the results was given: add --out DIR") };
     if !args.objects.merge.is_empty() {
         return merge(&args.objects.merge, out);
@@ -53,7 +77,7 @@ pub fn without_run(args: &EvalArgs) -> Result<ExitCode> {
         bail!("give a run to measure, or --baseline with --data, or --merge")
     };
     let dataset = ObjectDataset::open(root, args.objects.reading.options(&args.reading))?;
-    let training = dataset.of_split(dvr_core::Split::Train).len();
+    let training = dataset.of_split(Split::Train).len();
     let mut progress = Progress::new();
     progress.phase("reading training objects", training);
     let mut notes = Vec::new();
@@ -61,10 +85,11 @@ pub fn without_run(args: &EvalArgs) -> Result<ExitCode> {
         let object = &dataset.objects()[object];
         notes.push(format!("{}/{} is left out: {problem}", object.category, object.name));
     };
-    let (predictor, name) = match baseline {
+    let (predictor, name, digest) = match baseline {
         Baseline::MeanShape => {
             let means = MeanShapes::read(&dataset, |done| progress.progress(done, ""), problem)?;
-            (Predictor::MeanShape(means), "mean shape")
+            let digest = means.digest();
+            (Predictor::MeanShape(means), "mean shape", digest)
         }
         Baseline::NearestPicture => {
             let shown = std::sync::Mutex::new(&mut progress);
@@ -73,21 +98,23 @@ pub fn without_run(args: &EvalArgs) -> Result<ExitCode> {
                     progress.progress(done, "");
                 }
             };
-            (Predictor::NearestPicture(NearestPicture::read(&dataset, show, problem)?), "nearest picture")
+            let nearest = NearestPicture::read(&dataset, show, problem)?;
+            let digest = nearest.digest();
+            (Predictor::NearestPicture(nearest), "nearest picture", digest)
         }
     };
     super::print_notes(&notes);
-    measure(args, &dataset, &predictor, name.to_owned(), 0, out)
+    let subject = Subject { predictor, name: name.to_owned(), steps: 0, digest, device: "cpu".to_owned() };
+    measure(args, &dataset, &subject, out, cancellation)
 }
 
 /// Measures a predictor, writes and prints the tables.
 fn measure(
     args: &EvalArgs,
     dataset: &ObjectDataset,
-    predictor: &Predictor,
-    name: String,
-    steps: usize,
+    subject: &Subject,
     out: &Path,
+    cancellation: &Cancellation,
 ) -> Result<ExitCode> {
     let objects = &args.objects;
     let split = objects.split.unwrap_or(SplitArg::Test).split();
@@ -95,28 +122,30 @@ fn measure(
         bail!("{} has no objects in its {split:?} split; choose another with --split", dataset.root().display());
     }
     let shard = objects.shard.unwrap_or(Shard::WHOLE);
-    let extraction = mesh_options(&args.meshing, OBJECT_RESOLUTION).extraction;
-    let measurement = Measurement::new(name, steps, split, args.seed, extraction.resolution, objects.object_views);
-    std::fs::create_dir_all(out).with_context(|| out.display().to_string())?;
+    let extraction = mesh_options(&args.meshing, OBJECT_RESOLUTION, cancellation).extraction;
+    let (name, resolution) = (subject.name.clone(), extraction.resolution);
+    let measurement = Measurement::new(name, subject.steps, split, args.seed, resolution, objects.object_views);
+    let key = key(args, subject, &measurement)?;
     let whole = shard == Shard::WHOLE;
     let file =
         if whole { "objects.jsonl".to_owned() } else { format!("objects-{}-of-{}.jsonl", shard.number, shard.of) };
+    OutputFolder::share(out, FolderKind::Evaluation, &[&SUMMARIES[..], &[&file]].concat())?;
     let path = out.join(file);
     let mut results = Results::open(&path, measurement.clone())?;
-    interrupt::catch()?;
-    let evaluation = Evaluation { dataset, predictor, split, shard, extraction: &extraction };
-    let broken = evaluation.run(&mut results, &INTERRUPTED, &mut Progress::new())?;
-    if INTERRUPTED.load(Ordering::Relaxed) {
+    let predictor = &subject.predictor;
+    let evaluation = Evaluation { dataset, predictor, split, shard, extraction: &extraction, key: &key };
+    evaluation.run(&mut results, cancellation, &mut Progress::new())?;
+    if cancellation.is_cancelled() {
         eprintln!("stopped; {} objects are in {}. The same command goes on", results.scores.len(), path.display());
         return Ok(ExitCode::from(EXIT_INTERRUPTED));
     }
-    if !broken.is_empty() {
-        println!("{} object(s) could not be measured", broken.len());
+    if !results.unmeasured.is_empty() {
+        println!("{} object(s) could not be measured", results.unmeasured.len());
     }
     if results.scores.is_empty() {
-        bail!("no object could be measured. A model of learned codes knows its training objects alone: --split train");
+        bail!("no object could be measured{}", hint(predictor, split));
     }
-    let summary = [Summary::new(measurement, &results.scores)];
+    let summary = [Summary::new(measurement, &results.scores, &results.unmeasured)];
     println!("{}", to_markdown(&summary));
     if whole {
         write_summaries(out, &summary)?;
@@ -127,9 +156,29 @@ fn measure(
     Ok(ExitCode::SUCCESS)
 }
 
+/// The key of a row, but for its object.
+fn key(args: &EvalArgs, subject: &Subject, measurement: &Measurement) -> Result<RecordKey> {
+    let meshing = mesh_options(&args.meshing, OBJECT_RESOLUTION, &Cancellation::default());
+    let settings = json!({
+        "predictor": subject.digest, "measurement": measurement, "extraction": format!("{:?}", meshing.extraction),
+    });
+    record_key(Digest::of_bytes(&[]), &settings, &subject.device)
+}
+
+/// Why a model measures nothing, where that is known.
+fn hint(predictor: &Predictor, split: Split) -> &'static str {
+    match predictor {
+        Predictor::Model(model) if model.image_size().is_none() && split != Split::Train => {
+            ". A model of learned codes knows its training objects alone: --split train"
+        }
+        _ => "",
+    }
+}
+
 /// Joins shards, and puts predictors side by side.
 fn merge(files: &[PathBuf], out: &Path) -> Result<ExitCode> {
     let summaries = merge_results(files)?;
+    OutputFolder::share(out, FolderKind::Evaluation, &SUMMARIES)?;
     println!("{}", to_markdown(&summaries));
     write_summaries(out, &summaries)?;
     println!("wrote {}", out.join("summary.{json,csv,md}").display());

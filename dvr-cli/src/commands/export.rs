@@ -3,6 +3,7 @@
 use std::process::ExitCode;
 
 use anyhow::{Context, Result};
+use dvr_core::files::check_file;
 use dvr_model::save_safetensors;
 use dvr_train::{ObjectModel, method_of};
 
@@ -13,6 +14,7 @@ use crate::backend::Backend;
 /// Writes safetensors with PyTorch names and layout.
 pub fn run(args: &ExportArgs) -> Result<ExitCode> {
     let checkpoint = load_run(&args.run)?;
+    check_file(&args.out, args.overwrite)?;
     let device = Backend::Cpu.device()?;
     if let Some(config) = method_of(&checkpoint.header.method)?.objects() {
         let model = ObjectModel::load(&checkpoint, &device)?;

@@ -4,8 +4,10 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
+use dvr_core::Cancellation;
 use dvr_core::Similarity;
 use dvr_core::dataset::{Normalise, ObjectOptions, is_object_dataset, read_scene};
+use dvr_core::files::check_beside_data;
 use dvr_core::npz::NpzFile;
 use dvr_model::{ImportedNetwork, PytorchCheckpoint, read_pytorch};
 use dvr_train::{ImportOptions, ImportedScene, ReferenceConfig, RunFolder, import};
@@ -15,21 +17,22 @@ use crate::args::ImportArgs;
 use crate::backend::Backend;
 
 /// Reads, translates, writes.
-pub fn run(args: &ImportArgs) -> Result<ExitCode> {
+pub fn run(args: &ImportArgs, cancellation: &Cancellation) -> Result<ExitCode> {
     let device = Backend::Cpu.device()?;
+    let folder = RunFolder::new(&args.out);
+    folder.check(args.overwrite)?;
+    if let Some(data) = &args.data {
+        check_beside_data(&args.out, data)?;
+    }
     let config = args.yaml.as_deref().map(ReferenceConfig::read).transpose()?;
     let leaky = args.leaky || config.as_ref().is_some_and(|config| config.train.model.leaky);
     let file = || args.file.display().to_string();
     let mut found = read_pytorch(&args.file, leaky, &device).with_context(file)?;
     let codes = args.codes.as_deref().map(read_codes).transpose()?;
-    let scene = args.data.as_deref().map(|data| scene_of(data, args, config.as_ref())).transpose()?;
+    let scene = args.data.as_deref().map(|data| scene_of(data, args, config.as_ref(), cancellation)).transpose()?;
     let checkpoint = import(&mut found, ImportOptions { config, scene, codes }, &device).with_context(file)?;
 
-    let folder = RunFolder::new(&args.out);
-    if args.overwrite {
-        folder.clear()?;
-    }
-    folder.create()?;
+    let _writing = if args.overwrite { folder.replace()? } else { folder.create()? };
     dvr_core::files::write_bytes_atomically(&folder.config(), checkpoint.header.method.pretty().as_bytes())?;
     checkpoint.save(&folder.last())?;
     print_notes(&found.notes);
@@ -95,10 +98,16 @@ fn read_codes(path: &Path) -> Result<Vec<Vec<f32>>> {
 }
 
 /// The scene or dataset of the run. Object space is that of the files, as in DVR's reference code.
-fn scene_of(data: &Path, args: &ImportArgs, config: Option<&ReferenceConfig>) -> Result<ImportedScene> {
+fn scene_of(
+    data: &Path,
+    args: &ImportArgs,
+    config: Option<&ReferenceConfig>,
+    cancellation: &Cancellation,
+) -> Result<ImportedScene> {
     let mut reading = SceneReading::of_arguments(&args.reading);
     let options = &mut reading.options;
     options.normalise = Normalise::Files;
+    options.cancellation = cancellation.clone();
     if let Some(config) = config {
         options.visual_hull_depth |= config.reading.visual_hull_depth;
         options.ignored_views.extend(config.reading.ignored_views.clone());

@@ -3,8 +3,9 @@
 use std::process::ExitCode;
 
 use anyhow::Result;
+use dvr_core::Cancellation;
 use dvr_core::hull::{Bounds, HullSettings, VisualHull, silhouette_consistency};
-use dvr_core::{Scene, Split, UnitCube, View};
+use dvr_core::{HOLD_OUT_EVERY, Scene, Split, UnitCube, View};
 use serde::Serialize;
 
 use super::{SceneReading, print_notes, refinement_notes};
@@ -24,6 +25,8 @@ struct Info {
     train: usize,
     val: usize,
     test: usize,
+    /// How the views are divided by a run with the default settings.
+    rule: String,
     views: Vec<ViewInfo>,
     object_center_world: [f64; 3],
     object_edge_world: f64,
@@ -52,9 +55,11 @@ struct ViewInfo {
 }
 
 /// Reads, looks, prints.
-pub fn run(args: &InfoArgs) -> Result<ExitCode> {
-    let (scene, refined) = SceneReading::of_arguments(&args.reading).read(&args.scene)?;
-    let mut info = look(&scene)?;
+pub fn run(args: &InfoArgs, cancellation: &Cancellation) -> Result<ExitCode> {
+    let divide = |scene: &mut Scene| Ok(scene.hold_out(HOLD_OUT_EVERY));
+    let reading = SceneReading::of_arguments(&args.reading);
+    let (scene, views, refined) = reading.read(&args.scene, divide, cancellation)?;
+    let mut info = look(&scene, views.rule)?;
     info.warnings.extend(refinement_notes(&refined));
     if let Err(error) = scene.require_masks() {
         info.warnings
@@ -68,7 +73,7 @@ pub fn run(args: &InfoArgs) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-fn look(scene: &Scene) -> Result<Info> {
+fn look(scene: &Scene, rule: String) -> Result<Info> {
     let mut warnings = scene.warnings.clone();
     let (hull, unexplained) = hull_of_masks(scene, &mut warnings)?;
     for (view, &share) in scene.views.iter().zip(&unexplained) {
@@ -103,6 +108,7 @@ fn look(scene: &Scene) -> Result<Info> {
         train: count(Split::Train),
         val: count(Split::Val),
         test: count(Split::Test),
+        rule,
         views: views.collect(),
         object_center_world: scene.object_to_world.translation.to_array(),
         object_edge_world: scene.object_to_world.scale,
@@ -158,6 +164,7 @@ fn robust_hull(pairs: &[(&dvr_core::Camera, &dvr_core::Mask)], bounds: Bounds) -
 fn print(info: &Info) {
     println!("{}: {}", info.name, info.format);
     println!("  views       {} to train on, {} for validation, {} for testing", info.train, info.val, info.test);
+    println!("              {}", info.rule);
     let range = |part: fn(&ViewInfo) -> f64| {
         let values = || info.views.iter().map(part);
         (values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max))

@@ -3,10 +3,11 @@
 use std::process::ExitCode;
 
 use anyhow::{Result, bail};
+use dvr_core::Cancellation;
 use dvr_core::mesh::write_mesh;
 use dvr_train::{RunFolder, ViewSplit, extraction_warnings, method_of, object_mesh, surface_points, world_mesh};
 
-use super::{SCENE_RESOLUTION, load_model, load_run, mesh_options, print_notes, scene_of_run};
+use super::{SCENE_RESOLUTION, load_model, load_run, mesh_options, place_for, print_notes, scene_of_run};
 use crate::args::MeshArgs;
 use crate::memory;
 
@@ -14,20 +15,29 @@ use crate::memory;
 const SEED_RAYS: usize = 2_000;
 
 /// Extracts and writes.
-pub fn run(args: &MeshArgs) -> Result<ExitCode> {
+pub fn run(args: &MeshArgs, cancellation: &Cancellation) -> Result<ExitCode> {
     let checkpoint = load_run(&args.run)?;
+    let folder = RunFolder::new(if args.run.is_dir() { args.run.clone() } else { parent(&args.run) });
+    let own = vec![folder.mesh_ply(), folder.mesh_glb()];
+    let (targets, _writing) = place_for(&folder, args.out.as_ref(), own, args.overwrite)?;
     let method = method_of(&checkpoint.header.method)?;
     let device = args.backend.backend.device_for(method.as_ref())?;
     memory::limit(&device, args.memory.memory);
+    let options = mesh_options(&args.meshing, SCENE_RESOLUTION, cancellation);
+    memory::check_extraction(&options.extraction, &device, args.memory.memory)?;
     let model = load_model(&checkpoint, args.object, &device)?;
     // The scene helps to find thin parts and gives sharp colours, but a mesh can do without. Models of many objects have
     // no single scene, and imported runs may have none.
     let has_scene =
         method.objects().is_none() && (args.data.is_some() || !checkpoint.header.scene.as_os_str().is_empty());
-    let scene = has_scene.then(|| scene_of_run(&checkpoint, args.data.as_ref(), args.memory.memory));
+    let scene = has_scene.then(|| scene_of_run(&checkpoint, args.data.as_ref(), args.memory.memory, cancellation));
+    cancellation.check()?;
     let views = match &scene {
         None => Vec::new(),
-        Some(Ok(scene)) => ViewSplit::new(scene, checkpoint.header.common.hold_out_every)?.train,
+        Some(Ok(scene)) => {
+            print_notes(&scene.warnings);
+            ViewSplit::of(scene)?.train
+        }
         Some(Err(error)) if args.data.is_some() => bail!("{error:#}"),
         Some(Err(_)) => {
             eprintln!("note: the run's scene was not found (give its folder with --data): colours come from the field");
@@ -35,7 +45,7 @@ pub fn run(args: &MeshArgs) -> Result<ExitCode> {
         }
     };
     let seeds = surface_points(model.thorough_shader().as_ref(), &views, SEED_RAYS);
-    let extracted = object_mesh(model.as_ref(), &mesh_options(&args.meshing, SCENE_RESOLUTION), &seeds, &views)?;
+    let extracted = object_mesh(model.as_ref(), &options, &seeds, &views)?;
     print_notes(&extraction_warnings(&extracted));
     let mesh = if args.object_space {
         extracted.mesh
@@ -46,11 +56,6 @@ pub fn run(args: &MeshArgs) -> Result<ExitCode> {
             _ => &checkpoint.header.object_to_world,
         };
         world_mesh(&extracted.mesh, object_to_world)
-    };
-    let folder = RunFolder::new(if args.run.is_dir() { args.run.clone() } else { parent(&args.run) });
-    let targets = match &args.out {
-        Some(path) => vec![path.clone()],
-        None => vec![folder.mesh_ply(), folder.mesh_glb()],
     };
     for path in &targets {
         write_mesh(path, &mesh)?;

@@ -1,5 +1,6 @@
 //! Meshing options from arguments.
 
+use dvr_core::Cancellation;
 use dvr_render::extract::{Contour, ExtractSettings};
 use dvr_train::{ColorSource, MeshOptions};
 
@@ -11,17 +12,18 @@ pub const SCENE_RESOLUTION: u32 = 256;
 /// Cells per edge of the mesh of an object of a dataset, as in DVR's reference code.
 pub const OBJECT_RESOLUTION: u32 = 128;
 
-/// The meshing options of the arguments; `resolution` is the default number of cells per edge.
-pub fn mesh_options(args: &MeshingArgs, resolution: u32) -> MeshOptions {
+/// The meshing options of the arguments; `resolution` is the default number of cells per edge, `cancellation` ends the
+/// work early.
+pub fn mesh_options(args: &MeshingArgs, resolution: u32, cancellation: &Cancellation) -> MeshOptions {
     let colors = match args.colors {
         Colors::Photos => ColorSource::Photos,
         Colors::Field => ColorSource::Field,
     };
-    MeshOptions { colors, ..surface_options(&args.surface, resolution) }
+    MeshOptions { colors, ..surface_options(&args.surface, resolution, cancellation) }
 }
 
 /// The same for meshes without photographs.
-pub fn surface_options(args: &SurfaceArgs, resolution: u32) -> MeshOptions {
+pub fn surface_options(args: &SurfaceArgs, resolution: u32, cancellation: &Cancellation) -> MeshOptions {
     let base = MeshOptions::with_resolution(args.resolution.unwrap_or(resolution) as usize);
     let extraction = ExtractSettings {
         contour: match args.contour {
@@ -29,6 +31,7 @@ pub fn surface_options(args: &SurfaceArgs, resolution: u32) -> MeshOptions {
             ContourName::Dual => Contour::Dual,
         },
         min_component_share: args.min_component,
+        cancellation: cancellation.clone(),
         ..base.extraction
     };
     MeshOptions { extraction, colors: ColorSource::Field, max_simplification: args.simplify }

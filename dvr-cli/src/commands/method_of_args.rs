@@ -9,16 +9,21 @@ use serde_json::{Value, json};
 use super::print_notes;
 use crate::args::{CapacityArg, TrainArgs};
 
-/// Defaults, then a file, then single values, then the flags for seed and steps: later ones win.
+/// Defaults with what the arguments change.
 pub fn method_of_args(args: &TrainArgs, is_dataset: bool) -> Result<Box<dyn Method>> {
-    let mut method = method_by_name(name(args, is_dataset)?, args.supervision.unwrap_or_default())?;
+    let name = method_name(args, is_dataset)?.unwrap_or(if is_dataset { "objects" } else { "grid" });
+    configured(method_by_name(name, args.supervision.unwrap_or_default())?, args, is_dataset)
+}
+
+/// A method with what the arguments change: a file, then single values, then the flags for seed and steps: later ones win.
+pub fn configured(mut method: Box<dyn Method>, args: &TrainArgs, is_dataset: bool) -> Result<Box<dyn Method>> {
     refuse_misplaced(args, method.as_ref())?;
     method = method.with_overrides(&capacity(args))?;
     if let Some(path) = &args.config {
         method = if path.extension().is_some_and(|ending| ending == "yaml" || ending == "yml") {
             of_reference_config(path, args, is_dataset)?
         } else {
-            let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
+            let text = dvr_core::files::read_text(path)?;
             let json = serde_json::from_str(&text).with_context(|| format!("{} is no JSON", path.display()))?;
             method.overridden(&json).with_context(|| path.display().to_string())?
         };
@@ -39,8 +44,8 @@ pub fn method_of_args(args: &TrainArgs, is_dataset: bool) -> Result<Box<dyn Meth
     Ok(method)
 }
 
-/// The method's name. What trains a network on a scene has a counterpart for datasets.
-fn name(args: &TrainArgs, is_dataset: bool) -> Result<&'static str> {
+/// The method's name, where it is given. What trains a network on a scene has a counterpart for datasets.
+pub fn method_name(args: &TrainArgs, is_dataset: bool) -> Result<Option<&'static str>> {
     let asked = args.method.map(|method| match (is_dataset, method.0) {
         (true, "network") => "objects",
         (true, "classic") => "objects-classic",
@@ -48,13 +53,12 @@ fn name(args: &TrainArgs, is_dataset: bool) -> Result<&'static str> {
     });
     let fits = |name: &str| METHODS.iter().any(|entry| entry.name == name && entry.learns_objects == is_dataset);
     match asked {
-        Some(name) if fits(name) => Ok(name),
+        Some(name) if fits(name) => Ok(Some(name)),
         Some(name) if is_dataset => {
             bail!("a dataset of many objects takes --method network or classic; {name} reconstructs a single scene")
         }
         Some(name) => bail!("--method {name} is for datasets of many objects, and this is a single scene"),
-        None if is_dataset => Ok("objects"),
-        None => Ok("grid"),
+        None => Ok(None),
     }
 }
 

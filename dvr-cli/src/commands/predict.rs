@@ -5,13 +5,18 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, anyhow, bail};
-use dvr_core::Mask;
 use dvr_core::dataset::{Background, input_picture, list_pictures, mask_from_background, square_around};
-use dvr_core::files::{Photo, read_mask, read_photo, write_rgb_png};
+use dvr_core::files::{Claim, FolderKind, OutputFolder, Photo, read_mask, read_photo, write_rgb_png};
 use dvr_core::mesh::write_mesh;
-use dvr_train::{MeshOptions, ObjectModel, Observer, predict};
+use dvr_core::record::{Digest, RecordKey};
+use dvr_core::{Cancellation, Mask};
+use dvr_train::{Checkpoint, MeshOptions, ObjectModel, Observer, predict};
 use image::RgbImage;
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
+use super::kept_row::{Kept, keep, kept};
+use super::provenance::record_key;
 use super::{OBJECT_RESOLUTION, load_run, surface_options};
 use crate::args::PredictArgs;
 use crate::memory;
@@ -27,46 +32,78 @@ struct Task {
     target: PathBuf,
 }
 
+/// What is written down beside the results of a picture, with their key.
+#[derive(Serialize, Deserialize)]
+struct Prediction {
+    picture: PathBuf,
+    warnings: Vec<String>,
+}
+
 impl Task {
-    fn files(&self) -> [PathBuf; 3] {
-        ["glb", "ply", "png"].map(|ending| PathBuf::from(format!("{}.{ending}", self.target.display())))
+    /// Mesh, mesh, preview, and what they were made of.
+    fn files(&self) -> [PathBuf; 4] {
+        ["glb", "ply", "png", "json"].map(|ending| PathBuf::from(format!("{}.{ending}", self.target.display())))
     }
 
-    /// Whether an earlier call has done it.
-    fn is_done(&self) -> bool {
-        self.files().iter().all(|file| file.is_file())
+    /// Whether an earlier call has done it, of the same key.
+    fn is_done(&self, key: &RecordKey) -> Result<bool> {
+        let [.., record] = self.files();
+        let is_same = matches!(kept::<Prediction>(&record, key)?, Kept::Row(_));
+        Ok(is_same && self.files().iter().all(|file| file.is_file()))
     }
 }
 
+/// A model and how it is asked.
+struct Job<'a> {
+    args: &'a PredictArgs,
+    model: ObjectModel,
+    /// Side of the encoder's pictures, pixels.
+    size: usize,
+    masks: Option<HashMap<String, PathBuf>>,
+    options: MeshOptions,
+    /// Everything that the results depend on but the picture.
+    settings: Value,
+}
+
 /// Predicts every picture; pictures that cannot be used are named and left out.
-pub fn run(args: &PredictArgs) -> Result<ExitCode> {
+pub fn run(args: &PredictArgs, cancellation: &Cancellation) -> Result<ExitCode> {
+    OutputFolder::check::<&str>(&args.out, FolderKind::Predictions, Claim::NewOrContinue, &[])?;
     let checkpoint = load_run(&args.run)?;
     let device = args.backend.backend.device()?;
     memory::limit(&device, args.memory.memory);
+    let options = surface_options(&args.surface, OBJECT_RESOLUTION, cancellation);
+    memory::check_extraction(&options.extraction, &device, args.memory.memory)?;
     let model = ObjectModel::load(&checkpoint, &device)?;
-    let size = model.picture_size()?;
     let tasks = tasks(args)?;
-    let masks = args.masks.as_deref().map(masks_by_stem).transpose()?;
-    std::fs::create_dir_all(&args.out).with_context(|| args.out.display().to_string())?;
-    let options = surface_options(&args.surface, OBJECT_RESOLUTION);
+    let job = Job {
+        args,
+        size: model.picture_size()?,
+        model,
+        masks: args.masks.as_deref().map(masks_by_stem).transpose()?,
+        options: surface_options(&args.surface, OBJECT_RESOLUTION, cancellation),
+        settings: settings(args, &checkpoint),
+    };
+    let names = tasks.iter().flat_map(Task::files);
+    let names = names.filter_map(|file| Some(file.strip_prefix(&args.out).ok()?.to_str()?.to_owned()));
+    let names: Vec<String> = names.collect();
+    let _writing = OutputFolder::claim(&args.out, FolderKind::Predictions, Claim::NewOrContinue, &names)?;
 
     let mut progress = Progress::new();
     progress.phase("predicting", tasks.len());
     let (mut made, mut kept, mut failed) = (0, 0, 0);
     for (i, task) in tasks.iter().enumerate() {
-        if task.is_done() && !args.overwrite {
-            kept += 1;
-        } else {
-            match make(task, args, size, masks.as_ref(), &model, &options, &mut progress) {
-                Ok(()) => made += 1,
-                Err(error) => {
-                    failed += 1;
-                    let error = format!("{error:#}");
-                    let path = task.picture.display().to_string();
-                    // Errors of files name them already.
-                    let about = if error.contains(&path) { error } else { format!("{path}: {error}") };
-                    progress.note(&format!("left out: {about}"));
-                }
+        cancellation.check()?;
+        match job.carry_out(task, &mut progress) {
+            Ok(true) => made += 1,
+            Ok(false) => kept += 1,
+            Err(error) => {
+                cancellation.check()?;
+                failed += 1;
+                let error = format!("{error:#}");
+                let path = task.picture.display().to_string();
+                // Errors of files name them already.
+                let about = if error.contains(&path) { error } else { format!("{path}: {error}") };
+                progress.note(&format!("left out: {about}"));
             }
         }
         progress.progress(i + 1, &task.picture.display().to_string());
@@ -84,24 +121,51 @@ pub fn run(args: &PredictArgs) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// From a picture to its files.
-fn make(
-    task: &Task,
-    args: &PredictArgs,
-    size: usize,
-    masks: Option<&HashMap<String, PathBuf>>,
-    model: &ObjectModel,
-    options: &MeshOptions,
-    observer: &mut dyn Observer,
-) -> Result<()> {
-    let prediction = predict(model, &input(&task.picture, args, size, masks)?, options)?;
-    for warning in &prediction.warnings {
-        observer.note(&format!("{}: {warning}", task.picture.display()));
+/// Everything that results depend on but the picture.
+fn settings(args: &PredictArgs, checkpoint: &Checkpoint) -> Value {
+    let surface = surface_options(&args.surface, OBJECT_RESOLUTION, &Cancellation::default());
+    json!({
+        "model": Digest::of_bytes(&checkpoint.state.model),
+        "method": checkpoint.header.method,
+        "background": args.background.map(|color| format!("{color:?}")),
+        "background_threshold": args.background_threshold,
+        "crop": args.crop,
+        "surface": format!("{surface:?}"),
+    })
+}
+
+impl Job<'_> {
+    /// Makes the files of a picture, unless they are there; returns whether it did.
+    fn carry_out(&self, task: &Task, observer: &mut dyn Observer) -> Result<bool> {
+        let key = self.key(task)?;
+        if !self.args.overwrite && task.is_done(&key)? {
+            return Ok(false);
+        }
+        let input = input(&task.picture, self.args, self.size, self.masks.as_ref())?;
+        let prediction = predict(&self.model, &input, &self.options)?;
+        for warning in &prediction.warnings {
+            observer.note(&format!("{}: {warning}", task.picture.display()));
+        }
+        let [glb, ply, png, record] = task.files();
+        // Last, since it says that all of them are there: until then, no record says so.
+        if record.exists() {
+            std::fs::remove_file(&record).with_context(|| record.display().to_string())?;
+        }
+        write_mesh(glb, &prediction.mesh)?;
+        write_mesh(ply, &prediction.mesh)?;
+        write_rgb_png(&png, &prediction.preview)?;
+        keep(&record, &key, Prediction { picture: task.picture.clone(), warnings: prediction.warnings })?;
+        Ok(true)
     }
-    let [glb, ply, png] = task.files();
-    write_mesh(glb, &prediction.mesh)?;
-    write_mesh(ply, &prediction.mesh)?;
-    Ok(write_rgb_png(&png, &prediction.preview)?)
+
+    /// What the files of a picture are made of: its bytes, those of its mask, and the settings.
+    fn key(&self, task: &Task) -> Result<RecordKey> {
+        let mut digests = vec![Digest::of_file(&task.picture)?];
+        if let Some(mask) = self.masks.as_ref().and_then(|masks| masks.get(&stem(&task.picture))) {
+            digests.push(Digest::of_file(mask)?);
+        }
+        record_key(Digest::of_all(&digests), &self.settings, &self.args.backend.backend.described())
+    }
 }
 
 /// The encoder's input for a file.

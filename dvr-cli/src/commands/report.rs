@@ -4,25 +4,32 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::Result;
-use dvr_core::Scene;
 use dvr_core::files::write_bytes_atomically;
+use dvr_core::{Cancellation, Scene};
 use dvr_report::{ReportWords, SourceRun, run_report};
 use dvr_train::{Checkpoint, CheckpointHeader, METHODS, Observer, RunFolder};
 
-use super::scene_of_run;
+use super::{place_for, scene_of_run};
 use crate::args::ReportArgs;
 use crate::progress::Progress;
 use crate::remedy::remedy_of_diagnostic;
 
 /// Reads the runs and their scenes, and writes the page.
-pub fn run(args: &ReportArgs) -> Result<ExitCode> {
+pub fn run(args: &ReportArgs, cancellation: &Cancellation) -> Result<ExitCode> {
+    let own = match args.runs.as_slice() {
+        [run] => RunFolder::new(run),
+        _ => RunFolder::new("."),
+    };
+    let place = if args.runs.len() == 1 { None } else { Some(PathBuf::from("report.html")) };
+    let (files, _writing) = place_for(&own, args.out.as_ref().or(place.as_ref()), vec![own.report()], args.overwrite)?;
     let mut progress = Progress::new();
     progress.phase("report", args.runs.len() + 1);
     let mut sources: Vec<(RunFolder, CheckpointHeader, Option<Scene>)> = Vec::new();
     for (i, path) in args.runs.iter().enumerate() {
         let folder = RunFolder::new(path);
         let checkpoint = folder.load()?;
-        let scene = scene_if_found(&checkpoint, args.data.as_ref(), &mut progress)?;
+        let scene = scene_if_found(&checkpoint, args.data.as_ref(), cancellation, &mut progress)?;
+        cancellation.check()?;
         sources.push((folder, checkpoint.header, scene));
         progress.progress(i + 1, &path.display().to_string());
     }
@@ -34,14 +41,11 @@ pub fn run(args: &ReportArgs) -> Result<ExitCode> {
             scene: scene.as_ref(),
         })
         .collect();
-    let out = match (&args.out, args.runs.as_slice()) {
-        (Some(path), _) => path.clone(),
-        (None, [run]) => RunFolder::new(run).report(),
-        (None, _) => PathBuf::from("report.html"),
-    };
-    write_report(&runs, &out)?;
+    for out in &files {
+        write_report(&runs, out)?;
+        println!("wrote {}", out.display());
+    }
     progress.progress(args.runs.len() + 1, "");
-    println!("wrote {}", out.display());
     Ok(ExitCode::SUCCESS)
 }
 
@@ -57,12 +61,20 @@ fn program() -> String {
 }
 
 /// The scene of a run. Without --data, a scene that cannot be read is left out of the report.
-fn scene_if_found(checkpoint: &Checkpoint, moved: Option<&PathBuf>, progress: &mut Progress) -> Result<Option<Scene>> {
+fn scene_if_found(
+    checkpoint: &Checkpoint,
+    moved: Option<&PathBuf>,
+    cancellation: &Cancellation,
+    progress: &mut Progress,
+) -> Result<Option<Scene>> {
     if METHODS.iter().any(|entry| entry.name == checkpoint.header.method.method && entry.learns_objects) {
         return Ok(None);
     }
-    match scene_of_run(checkpoint, moved, None) {
-        Ok(scene) => Ok(Some(scene)),
+    match scene_of_run(checkpoint, moved, None, cancellation) {
+        Ok(scene) => {
+            scene.warnings.iter().for_each(|warning| progress.note(warning));
+            Ok(Some(scene))
+        }
         Err(error) if moved.is_some() => Err(error),
         Err(error) => {
             progress.note(&format!("no views in the report: {error:#}"));

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use anyhow::Result;
 use dvr_core::dataset::{ReadOptions, read_scene};
-use dvr_core::{MaskReport, Scene, refine_masks};
+use dvr_core::{Cancellation, MaskReport, Scene, refine_masks};
 use serde::{Deserialize, Serialize};
 
 use crate::args::SceneArgs;
@@ -26,11 +26,18 @@ impl SceneReading {
         Self { options: args.read_options(), refine_masks: !args.no_mask_refinement }
     }
 
-    /// Reads the scene and refines its masks, unless that is off.
-    pub fn read(&self, path: &Path) -> Result<(Scene, MaskReport)> {
-        let mut scene = read_scene(path, &self.options)?;
-        let report = if self.refine_masks { refine_masks(&mut scene)? } else { MaskReport::default() };
-        Ok((scene, report))
+    /// Reads the scene, divides its views, and refines the masks of those that are not for testing, unless that is off.
+    pub fn read<V>(
+        &self,
+        path: &Path,
+        divide: impl FnOnce(&mut Scene) -> dvr_core::Result<V>,
+        cancellation: &Cancellation,
+    ) -> Result<(Scene, V, MaskReport)> {
+        let options = ReadOptions { cancellation: cancellation.clone(), ..self.options.clone() };
+        let mut scene = read_scene(path, &options)?;
+        let views = divide(&mut scene)?;
+        let report = if self.refine_masks { refine_masks(&mut scene, cancellation)? } else { MaskReport::default() };
+        Ok((scene, views, report))
     }
 }
 

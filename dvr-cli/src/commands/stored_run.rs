@@ -4,8 +4,9 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use burn::tensor::Device;
-use dvr_core::Scene;
 use dvr_core::dataset::Normalise;
+use dvr_core::files::{OutputFolder, check_file};
+use dvr_core::{Cancellation, Scene};
 use dvr_train::{Checkpoint, RefinedCameras, RunFolder, TrainedModel, load_object};
 
 use super::scene_reading::SceneReading;
@@ -16,6 +17,22 @@ pub fn load_run(path: &Path) -> Result<Checkpoint> {
     Ok(checkpoint?)
 }
 
+/// Where results of a run go: to `out`, or to the run's own `files`, and then the folder is ours as long as it is held.
+/// What would be refused in the end is refused before the work begins.
+pub fn place_for(
+    run: &RunFolder,
+    out: Option<&PathBuf>,
+    files: Vec<PathBuf>,
+    overwrite: bool,
+) -> Result<(Vec<PathBuf>, Option<OutputFolder>)> {
+    if out.is_none() && run.is_run() {
+        return Ok((files, Some(run.resume()?)));
+    }
+    let files = out.map_or(files, |out| vec![out.clone()]);
+    files.iter().try_for_each(|file| check_file(file, overwrite))?;
+    Ok((files, None))
+}
+
 /// The field of a run: of its scene, or of one of the objects that it has learned codes for.
 pub fn load_model(checkpoint: &Checkpoint, object: Option<usize>, device: &Device) -> Result<Box<dyn TrainedModel>> {
     Ok(match object {
@@ -24,9 +41,15 @@ pub fn load_model(checkpoint: &Checkpoint, object: Option<usize>, device: &Devic
     })
 }
 
-/// The scene of a run, read as for training and in the same object space; from `moved` if it was moved, and within
+/// The scene of a run, read as for training, in the same object space, and with the same views for the same purpose. The
+/// scene's warnings say which views are gone or new since the run began. From `moved` if it was moved, and within
 /// `memory` where that is given.
-pub fn scene_of_run(checkpoint: &Checkpoint, moved: Option<&PathBuf>, memory: Option<u64>) -> Result<Scene> {
+pub fn scene_of_run(
+    checkpoint: &Checkpoint,
+    moved: Option<&PathBuf>,
+    memory: Option<u64>,
+    cancellation: &Cancellation,
+) -> Result<Scene> {
     let header = &checkpoint.header;
     let mut reading: SceneReading =
         serde_json::from_value(header.reading.clone()).context("the checkpoint does not say how its scene was read")?;
@@ -35,12 +58,23 @@ pub fn scene_of_run(checkpoint: &Checkpoint, moved: Option<&PathBuf>, memory: Op
     let is_unknown = header.scene.as_os_str().is_empty();
     // An imported network has the object space of the files, as in DVR's reference code.
     options.normalise = if is_unknown { Normalise::Files } else { Normalise::Given(header.object_to_world) };
+    if let Some(views) = &header.views {
+        options.only_views = Some(views.all().map(str::to_owned).collect());
+    }
     let path = match moved {
         Some(path) => path,
         None if is_unknown => bail!("the run was imported without its scene: give its folder with --data"),
         None => &header.scene,
     };
-    let (mut scene, _) = reading.read(path).with_context(|| format!("the run's scene, {}", path.display()))?;
+    let divide = |scene: &mut Scene| match &header.views {
+        Some(views) => views.apply(scene),
+        None => {
+            scene.hold_out(header.common.hold_out_every);
+            Ok(())
+        }
+    };
+    let (mut scene, ..) =
+        reading.read(path, divide, cancellation).with_context(|| format!("the run's scene, {}", path.display()))?;
     RefinedCameras::apply(&header.cameras, &mut scene);
     Ok(scene)
 }

@@ -5,25 +5,25 @@ use std::process::ExitCode;
 use anyhow::{Result, bail};
 use cpu_time::ProcessTime;
 use dvr_core::dataset::{Format, is_object_dataset};
-use dvr_core::{Scene, Split};
+use dvr_core::{Cancellation, Scene, ViewNames};
 use dvr_report::SourceRun;
 use dvr_train::{
-    Checkpoint, Error, Method, Observer, RunFolder, RunMetrics, RunOptions, Stop, ViewMetrics, ViewSplit, finish,
-    method_of, train,
+    Checkpoint, Error, Method, Observer, RunFolder, RunMetrics, RunOptions, Stop, ViewMetrics, finish, train,
 };
 
 use super::method_of_args::method_of_args;
-use super::run_start::{interrupted, prepare, run_options};
+use super::points_table::print_points;
+use super::resumed::resumed_method;
+use super::run_start::{RunStart, interrupted, run_options};
 use super::shape_table::print_shape;
 use super::{SCENE_RESOLUTION, SceneReading, mesh_options, print_notes, refinement_notes, scene_of_run, train_objects};
-use crate::EXIT_INTERRUPTED;
 use crate::args::TrainArgs;
 use crate::commands::report::write_report;
-use crate::memory::limit_training;
+use crate::memory::{limit_training, make_room};
 use crate::progress::Progress;
 
 /// Reconstructs a scene, or learns from a dataset, as the path and the arguments say.
-pub fn run(args: &TrainArgs) -> Result<ExitCode> {
+pub fn run(args: &TrainArgs, cancellation: &Cancellation) -> Result<ExitCode> {
     let is_dataset = match &args.scene {
         Some(path) if args.reading.format.is_none_or(|format| format == Format::DVR) => is_object_dataset(path)?,
         _ => false,
@@ -33,55 +33,59 @@ pub fn run(args: &TrainArgs) -> Result<ExitCode> {
         return Ok(ExitCode::SUCCESS);
     }
     let Some(out) = &args.out else { bail!("no output folder was given: add --out DIR") };
-    let folder = RunFolder::new(out);
-    let resumed = args.resume.then(|| Checkpoint::load(&folder.last())).transpose()?;
-    let method = match &resumed {
-        Some(checkpoint) => method_of(&checkpoint.header.method)?,
+    let start = RunStart::new(args, out)?;
+    let method = match &start.resumed {
+        Some(checkpoint) => resumed_method(args, checkpoint)?,
         None => method_of_args(args, is_dataset)?,
     };
     match method.objects() {
-        Some(config) => train_objects::run(args, &folder, method.as_ref(), config, resumed.as_ref()),
-        None => train_scene(args, &folder, method.as_ref(), resumed.as_ref()),
+        Some(config) => train_objects::run(args, start, method.as_ref(), config, cancellation),
+        None => train_scene(args, start, method.as_ref(), cancellation),
     }
 }
 
 /// Trains, then writes mesh, preview and figures.
 fn train_scene(
     args: &TrainArgs,
-    folder: &RunFolder,
+    mut start: RunStart,
     method: &dyn Method,
-    resumed: Option<&Checkpoint>,
+    cancellation: &Cancellation,
 ) -> Result<ExitCode> {
     let device = args.backend().training_device(method)?;
     limit_training(&device, args.reading.memory, method)?;
-    let (mut scene, reading) = read(args, resumed)?;
+    let (mut scene, reading, views) = read(args, start.resumed.as_ref(), method, cancellation)?;
     scene.require_masks()?;
     method.check_scene(&scene)?;
-    describe(&scene, method)?;
-    prepare(folder, args, method)?;
+    describe(&scene, &views, method);
+    let meshing = mesh_options(&args.meshing, SCENE_RESOLUTION, cancellation);
+    let needed = make_room(&mut scene, method, &meshing.extraction, &device, args.reading.memory)?;
+    eprintln!(
+        "memory: about {} MB, photographs {} MB of it",
+        needed.total() / 1_000_000,
+        needed.photographs / 1_000_000
+    );
+    let _writing = start.prepare(method)?;
+    let (folder, resumed) = (&start.folder, start.resumed.as_ref());
     let options = RunOptions {
         refine_cameras: args.refine_cameras.unwrap_or(0),
         follow_shape: args.follow_shape,
-        ..run_options(args, folder, reading, device)?
+        views: Some(views),
+        ..run_options(args, folder, reading, device, cancellation)?
     };
     if args.follow_shape && scene.ground_truth.surface.is_none() {
         eprintln!("note: the scene's true surface is not known, and --follow-shape has nothing to compare with");
     }
     let mut progress = Progress::new();
     let cpu = ProcessTime::now();
-    let trained = match train(&mut scene, method, resumed, &options, &mut progress) {
-        Err(early @ Error::InterruptedEarly) => {
-            eprintln!("{early}");
-            return Ok(ExitCode::from(EXIT_INTERRUPTED));
-        }
-        trained => trained?,
-    };
+    let trained = train(&mut scene, method, resumed, &options, &mut progress)?;
     let cpu_seconds = cpu.elapsed().as_secs_f64();
     if trained.outcome.stop == Stop::Interrupted {
         return Ok(interrupted(&trained.outcome, folder));
     }
-    let meshing = mesh_options(&args.meshing, SCENE_RESOLUTION);
-    let metrics = finish(&scene, method, &trained, folder, &meshing, &mut progress)?.metrics;
+    let metrics = match finish(&scene, method, &trained, folder, &meshing, &mut progress) {
+        Err(Error::Cancelled(_)) => return Ok(interrupted(&trained.outcome, folder)),
+        results => results?.metrics,
+    };
     if !args.no_report {
         progress.phase("report", 1);
         let run = SourceRun { folder: folder.clone(), header: trained.outcome.header, scene: Some(&scene) };
@@ -95,37 +99,40 @@ fn train_scene(
     Ok(ExitCode::SUCCESS)
 }
 
-/// The scene, and how it was read.
-fn read(args: &TrainArgs, resumed: Option<&Checkpoint>) -> Result<(Scene, serde_json::Value)> {
+/// The scene, how it was read, and which views are for what.
+fn read(
+    args: &TrainArgs,
+    resumed: Option<&Checkpoint>,
+    method: &dyn Method,
+    cancellation: &Cancellation,
+) -> Result<(Scene, serde_json::Value, ViewNames)> {
     if let Some(checkpoint) = resumed {
-        let scene = scene_of_run(checkpoint, args.scene.as_ref(), args.reading.memory)?;
-        return Ok((scene, checkpoint.header.reading.clone()));
+        let scene = scene_of_run(checkpoint, args.scene.as_ref(), args.reading.memory, cancellation)?;
+        let views = checkpoint.header.views.clone().unwrap_or_else(|| ViewNames::of(&scene, String::new()));
+        return Ok((scene, checkpoint.header.reading.clone(), views));
     }
     let Some(path) = &args.scene else { bail!("no scene was given") };
     let reading = SceneReading::of_arguments(&args.reading);
-    let (scene, refined) = reading.read(path)?;
+    let divide = |scene: &mut Scene| Ok(scene.hold_out(method.common().hold_out_every));
+    let (scene, views, refined) = reading.read(path, divide, cancellation)?;
     print_notes(&refinement_notes(&refined));
-    Ok((scene, serde_json::to_value(reading)?))
+    Ok((scene, serde_json::to_value(reading)?, views))
 }
 
 /// What is about to happen, in three lines.
-fn describe(scene: &Scene, method: &dyn Method) -> Result<()> {
-    let split = ViewSplit::new(scene, method.common().hold_out_every)?;
+fn describe(scene: &Scene, views: &ViewNames, method: &dyn Method) {
     let size = scene.views.first().map_or((0, 0), |view| view.image.dimensions());
     eprintln!(
-        "{} ({}): {} views of {}x{} ({} to train on, {} held out, {} for testing), supervision {}",
+        "{} ({}): {} views of {}x{}, supervision {}",
         scene.name,
         scene.format,
         scene.views.len(),
         size.0,
         size.1,
-        split.train.len(),
-        split.held_out.len(),
-        scene.views_of(Split::Test).count(),
         method.common().supervision,
     );
+    eprintln!("views: {views}");
     print_notes(&scene.warnings);
-    Ok(())
 }
 
 /// The results, for people.
@@ -134,14 +141,22 @@ fn report(metrics: &RunMetrics, folder: &RunFolder, cpu_seconds: f64) {
     let RunMetrics { steps, training_seconds, seed, .. } = metrics;
     println!("trained {steps} steps in {training_seconds:.1} s ({cpu_seconds:.1} CPU s), seed {seed}");
     if metrics.model_step != metrics.steps {
-        println!("the model of step {} stands for the run: its held-out views are the best", metrics.model_step);
+        println!("the model of step {} stands for the run: its validation is the best", metrics.model_step);
     }
-    for (what, view_metrics) in [("field", &metrics.held_out), ("mesh", &metrics.held_out_mesh)] {
+    let figures = [
+        ("test views, field", &metrics.test),
+        ("test views, mesh ", &metrics.test_mesh),
+        ("validation views, field (they guided the run)", &metrics.validation),
+    ];
+    for (what, view_metrics) in figures {
         if let Some(ViewMetrics { psnr, mask_iou, pixels }) = view_metrics {
-            println!("held-out views, {what:<5}: PSNR {psnr:.2} dB, silhouette IoU {mask_iou:.3} ({pixels} pixels)");
+            println!("{what}: PSNR {psnr:.2} dB, silhouette IoU {mask_iou:.3} ({pixels} pixels)");
         }
     }
     print_shape(&metrics.shape);
+    if let Some(points) = &metrics.points {
+        print_points(points);
+    }
     if let Some([vertices, faces]) = metrics.mesh {
         println!("mesh: {vertices} vertices, {faces} faces");
     }

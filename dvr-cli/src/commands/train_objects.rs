@@ -5,44 +5,45 @@ use std::sync::Arc;
 
 use anyhow::{Result, bail};
 use cpu_time::ProcessTime;
-use dvr_core::Split;
 use dvr_core::dataset::{ObjectDataset, ReadOptions};
-use dvr_render::is_gpu;
+use dvr_core::{Cancellation, Split};
 use dvr_report::SourceRun;
-use dvr_train::{Checkpoint, Method, ObjectsConfig, ObjectsMetrics, RunFolder, Stop, finish_objects, train_objects};
+use dvr_train::{Method, ObjectsConfig, ObjectsMetrics, RunFolder, Stop, finish_objects, train_objects};
 
 use super::dataset_of_run::options_of_run;
-use super::run_start::{interrupted, prepare, run_options};
+use super::run_start::{RunStart, interrupted, run_options};
 use crate::args::{SceneArgs, TrainArgs};
 use crate::commands::report::write_report;
-use crate::memory::limit_training;
+use crate::memory::{check_objects, limit_training};
 use crate::progress::Progress;
 
 /// Trains, then writes preview and figures.
 pub fn run(
     args: &TrainArgs,
-    folder: &RunFolder,
+    mut start: RunStart,
     method: &dyn Method,
     config: &ObjectsConfig,
-    resumed: Option<&Checkpoint>,
+    cancellation: &Cancellation,
 ) -> Result<ExitCode> {
     let device = args.backend().device()?;
     limit_training(&device, args.reading.memory, method)?;
-    let (root, options) = match resumed {
+    check_objects(method, &device, args.reading.memory)?;
+    refuse_scene_options(&args.reading)?;
+    let (root, options) = match &start.resumed {
         Some(checkpoint) => {
             let path = args.scene.clone().unwrap_or_else(|| checkpoint.header.scene.clone());
             (path, options_of_run(checkpoint)?)
         }
         None => {
             let Some(path) = args.scene.clone() else { bail!("no dataset was given") };
-            refuse_scene_options(&args.reading, is_gpu(&device))?;
             (path, args.objects.options(&args.reading))
         }
     };
     let dataset = Arc::new(ObjectDataset::open(&root, options.clone())?);
     describe(&dataset, config);
-    prepare(folder, args, method)?;
-    let options = run_options(args, folder, serde_json::to_value(options)?, device)?;
+    let _writing = start.prepare(method)?;
+    let (folder, resumed) = (&start.folder, start.resumed.as_ref());
+    let options = run_options(args, folder, serde_json::to_value(options)?, device, cancellation)?;
     let mut progress = Progress::new();
     let cpu = ProcessTime::now();
     let result = train_objects(&dataset, method, resumed, &options, &mut progress)?;
@@ -59,19 +60,19 @@ pub fn run(
     Ok(ExitCode::SUCCESS)
 }
 
-/// Refuses what has a meaning for a single scene only; --memory has one on a graphics processor, too.
-fn refuse_scene_options(reading: &SceneArgs, on_gpu: bool) -> Result<()> {
+/// Refuses what has a meaning for a single scene only.
+fn refuse_scene_options(reading: &SceneArgs) -> Result<()> {
     let given = reading.read_options();
     let shared = ReadOptions {
         format: given.format,
         visual_hull_depth: given.visual_hull_depth,
-        max_memory: given.max_memory.filter(|_| on_gpu),
+        max_memory: given.max_memory,
         ..ReadOptions::default()
     };
     if given != shared || reading.no_mask_refinement {
         bail!(
-            "--downscale, --background, --no-mask-refinement, --views, --ignore, --normalise and (without --backend gpu) \
-             --memory are for single scenes; objects of a dataset are read as they are"
+            "--downscale, --background, --no-mask-refinement, --views, --ignore and --normalise are for single scenes; objects \
+             of a dataset are read as they are"
         );
     }
     Ok(())

@@ -16,17 +16,22 @@ pub struct Tiny {
 
 impl Tiny {
     pub fn new() -> Self {
+        Self::rendered(shapes::torus(1.0, 0.45, 32, 16), 12, 24)
+    }
+
+    /// The same of another mesh, with more views or pixels.
+    pub fn rendered(mesh: Mesh, views: usize, pixels: u32) -> Self {
         let folder = tempfile::tempdir().unwrap();
-        let torus = TexturedMesh { mesh: shapes::torus(1.0, 0.45, 32, 16), ..TexturedMesh::default() };
+        let object = TexturedMesh { mesh, ..TexturedMesh::default() };
         let config = SynthConfig {
-            views: 12,
-            width: 24,
-            height: 24,
+            views,
+            width: pixels,
+            height: pixels,
             surface_points: 2000,
             occupancy_points: 1000,
             ..SynthConfig::default()
         };
-        render_dataset(&torus, "torus", "rings", folder.path(), &config, &|_, _| ()).unwrap();
+        render_dataset(&object, "torus", "rings", folder.path(), &config, &|_, _| ()).unwrap();
         Self { folder }
     }
 
@@ -36,6 +41,23 @@ impl Tiny {
 
     pub fn scene(&self) -> PathBuf {
         self.path("rings/torus")
+    }
+
+    /// What `dvr eval` measures of a mesh against the scene, without rendering.
+    pub fn volume_iou(&self, mesh: &Path) -> f64 {
+        let (scene, json) = (self.scene(), self.path("eval.json"));
+        succeeds(&dvr(&[
+            "eval",
+            text(mesh),
+            "--data",
+            text(&scene),
+            "--no-views",
+            "--json",
+            text(&json),
+            "--overwrite",
+        ]));
+        let report: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(json).unwrap()).unwrap();
+        report["shape"]["volume_iou"].as_f64().unwrap()
     }
 
     /// `dvr train` with a network that is small enough for a test, with more arguments.

@@ -1,14 +1,16 @@
-//! A bounding volume hierarchy over triangles: where does a ray first meet a mesh?
+//! A bounding volume hierarchy over triangles: where does a ray first meet a mesh, and how far is a point from it?
 //!
 //! Built top-down by the binned surface area heuristic (Wald 2007). Triangles are intersected by the watertight test of
 //! Woop, Benthin and Wald (2013), in double precision: no ray slips through an edge that two triangles share. Written
 //! here because the `bvh` crate's triangle test (Möller and Trumbore) gives no such promise and culls back faces.
 
 mod build;
+mod nearest;
 mod node;
 mod tree;
 mod triangle;
 
+pub use nearest::NearestPoint;
 pub use tree::Bvh;
 pub use triangle::RayHit;
 

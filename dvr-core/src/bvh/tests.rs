@@ -2,6 +2,7 @@ use glam::{DVec3, Vec3};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
+use super::nearest::nearest_on_triangle;
 use super::triangle::Shear;
 use super::*;
 use crate::mesh::{Mesh, shapes};
@@ -95,4 +96,84 @@ fn nothing_and_degenerate_things_are_never_hit() {
     for direction in [DVec3::ZERO, DVec3::NAN] {
         assert_eq!(sphere.closest_hit(&Ray { origin: DVec3::ZERO, direction }, 0.0, f64::INFINITY), None);
     }
+}
+
+/// Triangles of all sizes and directions, slivers, segments and single points among them.
+fn random_mesh(rng: &mut ChaCha8Rng, faces: usize) -> Mesh {
+    let mut mesh = Mesh::default();
+    for face in 0..faces {
+        let corner = random_vector(rng);
+        let size = 10f64.powf(rng.random_range(-4.0..0.0));
+        let (mut b, mut c) = (corner + size * random_vector(rng), corner + size * random_vector(rng));
+        match face % 16 {
+            0 => b = corner,
+            1 => (b, c) = (corner, corner),
+            2 => c = corner + 0.5 * (b - corner) + 1e-7 * random_vector(rng),
+            _ => {}
+        }
+        let first = mesh.vertices.len() as u32;
+        mesh.vertices.extend([corner, b, c].map(DVec3::as_vec3));
+        mesh.faces.push([first, first + 1, first + 2]);
+    }
+    mesh
+}
+
+/// The distance to a triangle as the smallest over a fine lattice on it, which is never too small.
+fn distance_by_lattice(point: DVec3, corners: [Vec3; 3], steps: u32) -> f64 {
+    let [a, b, c] = corners.map(Vec3::as_dvec3);
+    let share = |i: u32| f64::from(i) / f64::from(steps);
+    let lattice = (0..=steps).flat_map(|i| (0..=steps - i).map(move |j| (i, j)));
+    lattice.map(|(i, j)| (a + share(i) * (b - a) + share(j) * (c - a)).distance(point)).fold(f64::INFINITY, f64::min)
+}
+
+#[test]
+fn the_nearest_point_of_a_triangle_is_that_of_a_fine_lattice_on_it() {
+    let mut rng = ChaCha8Rng::seed_from_u64(11);
+    let mesh = random_mesh(&mut rng, 64);
+    for face in 0..mesh.faces.len() {
+        let corners = mesh.triangle(face);
+        let longest = (0..3).map(|i| corners[i].distance(corners[(i + 1) % 3])).fold(0.0, f32::max);
+        for _ in 0..8 {
+            let point = corners[0].as_dvec3() + 2.0 * f64::from(longest) * random_vector(&mut rng);
+            let exact = nearest_on_triangle(point, &corners).distance(point);
+            let lattice = distance_by_lattice(point, corners, 100);
+            let cell = f64::from(longest) / 100.0;
+            assert!(exact <= lattice + 1e-9 && lattice <= exact + cell, "{corners:?} {point}: {exact} {lattice}");
+        }
+    }
+}
+
+#[test]
+fn the_tree_finds_the_nearest_point_that_a_search_of_all_triangles_finds() {
+    let mut rng = ChaCha8Rng::seed_from_u64(7);
+    for mesh in [random_mesh(&mut rng, 700), shapes::torus(0.6, 0.25, 40, 20), shapes::icosphere(2, 0.8)] {
+        let bvh = Bvh::new(&mesh);
+        let mut queries: Vec<DVec3> = (0..500).map(|_| 1.5 * random_vector(&mut rng)).collect();
+        queries.extend(mesh.vertices.iter().step_by(13).map(|v| v.as_dvec3()));
+        for point in queries {
+            let found = bvh.nearest(point).unwrap();
+            let nearest = |face| nearest_on_triangle(point, &mesh.triangle(face)).distance(point);
+            let slow = (0..mesh.faces.len()).map(nearest).fold(f64::INFINITY, f64::min);
+            assert!((found.distance - slow).abs() <= 1e-15 + 1e-12 * slow, "{} {slow} at {point}", found.distance);
+            assert_eq!(found.position.distance(point), found.distance);
+            assert!((nearest(found.face as usize) - slow).abs() <= 1e-15);
+        }
+    }
+}
+
+#[test]
+fn the_distance_is_that_to_a_face_and_not_to_a_vertex() {
+    let mesh =
+        Mesh { vertices: vec![Vec3::ZERO, 10.0 * Vec3::X, 10.0 * Vec3::Y], faces: vec![[0, 1, 2]], ..Mesh::default() };
+    let bvh = Bvh::new(&mesh);
+    let near = bvh.nearest(DVec3::new(3.0, 3.0, 0.25)).unwrap();
+    assert_eq!((near.distance, near.position, near.face), (0.25, DVec3::new(3.0, 3.0, 0.0), 0));
+    assert_eq!(bvh.nearest(DVec3::new(-3.0, 4.0, 0.0)).unwrap().distance, 3.0);
+    assert_eq!(bvh.nearest(DVec3::new(-3.0, -4.0, 0.0)).unwrap().distance, 5.0);
+}
+
+#[test]
+fn nothing_is_near_an_empty_mesh_or_a_point_that_is_nowhere() {
+    assert_eq!(Bvh::new(&Mesh::default()).nearest(DVec3::ZERO), None);
+    assert_eq!(Bvh::new(&shapes::icosphere(1, 1.0)).nearest(DVec3::NAN), None);
 }

@@ -9,17 +9,17 @@ use crate::mesh::Mesh;
 use crate::ray::Ray;
 
 /// `MAX_SAH_DEPTH` and the 32 halvings that a `u32` of triangles allows.
-const STACK_SIZE: usize = 64;
+pub(super) const STACK_SIZE: usize = 64;
 
 /// A bounding volume hierarchy over a mesh's triangles.
 #[derive(Clone, Debug)]
 pub struct Bvh {
     /// The root comes first; the children of an inner node lie side by side.
-    nodes: Vec<Node>,
+    pub(super) nodes: Vec<Node>,
     /// Corners, in the order of the leaves.
-    triangles: Vec<[Vec3; 3]>,
+    pub(super) triangles: Vec<[Vec3; 3]>,
     /// Face of each triangle.
-    faces: Vec<u32>,
+    pub(super) faces: Vec<u32>,
 }
 
 impl Bvh {

@@ -11,17 +11,65 @@ use super::masks::mask_from_background;
 use super::options::ReadOptions;
 use super::raw_scene::{Coordinates, ObjectBounds, Projection, RawScene, RawView};
 use crate::error::{Error, Result};
-use crate::files::{Photo, read_depth_exr, read_mask, read_photo};
+use crate::files::{Photo, image_size, read_depth_exr, read_mask, read_photo};
+use crate::machine_memory::available_memory;
+use crate::number_range::OutOfRange;
 use crate::paged_images::PagedImages;
 use crate::pixels::stored;
 use crate::raster::{DepthMap, Mask};
 use crate::scene::{MaskSource, Split, View};
+use crate::view_split::abbreviated;
 
 /// Drops the views that `options` leaves out, and renumbers the visibility of sparse points.
 ///
 /// # Errors
 /// [`Error::UnknownView`] where a view to leave out does not exist, [`Error::TooFewViews`] where fewer than two are left.
 pub(super) fn select_views(raw: &mut RawScene, options: &ReadOptions) -> Result<()> {
+    let keep = match &options.only_views {
+        Some(only) => keep_known(raw, options, only),
+        None => keep_chosen(raw, options)?,
+    };
+    let new_index: Vec<Option<usize>> =
+        keep.iter().scan(0, |next, &keep| Some(keep.then(|| std::mem::replace(next, *next + 1)))).collect();
+    let mut kept = keep.iter();
+    raw.views.retain(|_| kept.next().copied().unwrap_or(true));
+    if let Some(sparse) = &mut raw.sparse_points {
+        for (point, views) in sparse.visible_in.iter_mut().enumerate() {
+            if let Some(bearings) = sparse.bearings.as_mut().and_then(|all| all.get_mut(point)) {
+                let mut views = views.iter();
+                bearings.retain(|_| views.next().is_some_and(|&view| new_index[view].is_some()));
+            }
+            *views = views.iter().filter_map(|&view| new_index[view]).collect();
+        }
+    }
+    if raw.views.len() < 2 {
+        let (scene, left) = (raw.root.display().to_string(), raw.views.len());
+        return Err(Error::TooFewViews { scene, left, all: keep.len(), purpose: "to read" });
+    }
+    Ok(())
+}
+
+/// Which views were read before; warns of those that came since then.
+fn keep_known(raw: &mut RawScene, options: &ReadOptions, only: &[String]) -> Vec<bool> {
+    let keep: Vec<bool> = raw.views.iter().map(|view| only.contains(&view.name)).collect();
+    let is_ignored = |i: usize, name: &String| {
+        options.ignored_views.iter().any(|ignored| ignored == name || ignored.parse() == Ok(i))
+    };
+    let others = raw.views.iter().enumerate().filter(|&(i, view)| !keep[i] && !is_ignored(i, &view.name));
+    let new: Vec<String> = others.map(|(_, view)| view.name.clone()).collect();
+    // Of a number of views that was asked for, the others are no news.
+    if !new.is_empty() && options.n_views.is_none() {
+        raw.warnings.push(format!(
+            "views that came after the run began are left out ({}): {}",
+            new.len(),
+            abbreviated(&new)
+        ));
+    }
+    keep
+}
+
+/// Which views `options` choose.
+fn keep_chosen(raw: &RawScene, options: &ReadOptions) -> Result<Vec<bool>> {
     let mut keep = vec![true; raw.views.len()];
     for ignored in &options.ignored_views {
         let by_name = raw.views.iter().position(|view| &view.name == ignored);
@@ -40,20 +88,7 @@ pub(super) fn select_views(raw: &mut RawScene, options: &ReadOptions) -> Result<
             (0..n_views).for_each(|i| keep[train[(2 * i + 1) * train.len() / (2 * n_views)]] = true);
         }
     }
-    let new_index: Vec<Option<usize>> =
-        keep.iter().scan(0, |next, &keep| Some(keep.then(|| std::mem::replace(next, *next + 1)))).collect();
-    let mut kept = keep.iter();
-    raw.views.retain(|_| kept.next().copied().unwrap_or(true));
-    if let Some(sparse) = &mut raw.sparse_points {
-        for views in &mut sparse.visible_in {
-            *views = views.iter().filter_map(|&view| new_index[view]).collect();
-        }
-    }
-    if raw.views.len() < 2 {
-        let (scene, left) = (raw.root.display().to_string(), raw.views.len());
-        return Err(Error::TooFewViews { scene, left, all: keep.len(), purpose: "to read" });
-    }
-    Ok(())
+    Ok(keep)
 }
 
 /// Reads all views, in the files' space, with depth in its units; pixels beyond the memory that `options` allow lie in
@@ -64,12 +99,9 @@ pub(super) fn select_views(raw: &mut RawScene, options: &ReadOptions) -> Result<
 /// room for the scratch file.
 pub(super) fn load_views(raw: &mut RawScene, options: &ReadOptions) -> Result<Vec<View>> {
     if options.downscale == 0 {
-        return Err(Error::OutOfRange {
-            name: "downscale",
-            value: "0".into(),
-            expected: "at least 1, which keeps the size",
-        });
+        return Err(OutOfRange::new("downscale", 0, "at least 1, which keeps the size").into());
     }
+    check_room(raw, options)?;
     let center = match raw.object_bounds {
         ObjectBounds::UnitCube => Some(DVec3::ZERO),
         ObjectBounds::Bound(bound) => Some(bound.translation),
@@ -78,7 +110,10 @@ pub(super) fn load_views(raw: &mut RawScene, options: &ReadOptions) -> Result<Ve
     let mirrored = |view: &RawView| center.is_some_and(|center| view.projection.mirrors(center));
     // A view is put away by the thread that decoded it, so no more are decoded at a time than there are threads.
     let paged = PagedImages::new(options.max_memory);
-    let load = |found_view| paged.keep_view(load_view(found_view, mirrored(found_view), &raw.cameras, options)?);
+    let load = |found_view| {
+        options.cancellation.check()?;
+        paged.keep_view(load_view(found_view, mirrored(found_view), &raw.cameras, options)?)
+    };
     let loaded: Vec<Result<View>> = raw.views.par_iter().map(load).collect();
     let n_mirrored = raw.views.iter().filter(|view| mirrored(view)).count();
     if n_mirrored > 0 {
@@ -89,6 +124,27 @@ pub(super) fn load_views(raw: &mut RawScene, options: &ReadOptions) -> Result<Ve
     }
     loaded.into_iter().collect()
 }
+
+/// Refuses photographs that, all in memory, would take more than the machine has.
+///
+/// # Errors
+/// [`Error::PhotographMemory`] with what they take and what there is.
+fn check_room(raw: &RawScene, options: &ReadOptions) -> Result<()> {
+    let Some(available) = available_memory().filter(|_| options.max_memory.is_none()) else { return Ok(()) };
+    let area = u64::from(options.downscale).pow(2);
+    // A file whose size cannot be read is named when it is decoded.
+    let bytes = |view: &RawView| {
+        let (width, height) = image_size(&view.image).unwrap_or_default();
+        let of_pixel = PHOTOGRAPH_PIXEL + if view.depth.is_some() { DEPTH_PIXEL } else { 0 };
+        u64::from(width) * u64::from(height) / area * of_pixel
+    };
+    let bytes = raw.views.iter().map(bytes).sum();
+    if bytes > available { Err(Error::PhotographMemory { bytes, available }) } else { Ok(()) }
+}
+
+/// Bytes of a decoded pixel with its mask, and of a pixel's depth.
+const PHOTOGRAPH_PIXEL: u64 = 4;
+const DEPTH_PIXEL: u64 = 4;
 
 /// Reads one view, in the files' space, with depth in its units; `cameras` is the file to name where its camera is
 /// unusable.

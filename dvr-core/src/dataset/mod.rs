@@ -19,6 +19,7 @@
 //! [`Scene::require_masks`](crate::Scene::require_masks).
 
 mod crop;
+mod digest;
 mod downscale;
 mod input_picture;
 mod layouts;
@@ -31,11 +32,13 @@ mod object_space;
 mod objects;
 mod options;
 mod pairing;
+mod points_file;
 mod raw_scene;
 mod read;
 mod write_transforms;
 
 pub use crop::square_around;
+pub use digest::digest_of_scene;
 pub use input_picture::input_picture;
 pub use layouts::{detect_format, is_object_dataset};
 pub use masks::mask_from_background;
@@ -43,6 +46,7 @@ pub use object_dataset::{ObjectDataset, ObjectOptions};
 pub use objects::{ObjectRef, list_objects};
 pub use options::{Background, BackgroundColor, Format, Normalise, ReadOptions};
 pub use pairing::list_pictures;
+pub(crate) use pairing::natural_order;
 pub use read::read_scene;
 pub use write_transforms::write_transforms;
 

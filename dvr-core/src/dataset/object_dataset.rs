@@ -23,6 +23,7 @@ use super::raw_scene::{Projection, RawView};
 use crate::error::{Error, Result};
 use crate::files::{read_mask, read_photo};
 use crate::points::OccupancySamples;
+use crate::record::Digest;
 use crate::scene::{GroundTruth, Split, View};
 
 /// Folders of pictures that are made for encoders, looked for before those that are trained on: the 3D-R2N2 renders, as the DVR
@@ -195,6 +196,19 @@ impl ObjectDataset {
     /// Where the file is damaged.
     pub fn read_occupancy(&self, object: usize) -> Result<Option<OccupancySamples>> {
         read_occupancy(&self.objects[object].path)
+    }
+
+    /// The digest of an object: of the files in its folder, and of its pictures for the encoder.
+    ///
+    /// # Errors
+    /// Where a file cannot be read.
+    pub fn digest(&self, object: usize) -> Result<Digest> {
+        let (own, inputs) = (&self.objects[object].path, self.input_root(object));
+        let digest = Digest::of_files(own, None)?;
+        if inputs == *own {
+            return Ok(digest);
+        }
+        Ok(Digest::of_all([&digest, &Digest::of_files(&inputs, None)?]))
     }
 
     /// The folder that holds an object's pictures for the encoder.

@@ -7,11 +7,11 @@ use super::options::Normalise;
 use super::raw_scene::{ObjectBounds, RawScene};
 use crate::camera::{Camera, Similarity};
 use crate::error::{Error, Result};
-use crate::hull::{normalisation, normalisation_by_cameras};
+use crate::hull::{Bounds, normalisation, normalisation_by_cameras};
 use crate::points::PointCloud;
 use crate::raster::Mask;
 use crate::ray::UnitCube;
-use crate::scene::View;
+use crate::scene::{Split, View};
 
 /// Share of the object's pixels that may look past the cube before a warning says so.
 const TOLERATED_OUTSIDE: f64 = 0.02;
@@ -29,7 +29,7 @@ pub(super) fn into_object_space(raw: &mut RawScene, views: &mut [View], normalis
             return Err(Error::NoPlace { path: raw.root.clone(), format: raw.format });
         }
         (Normalise::Given(object_to_world), _) => compose(&raw.files_to_world.inverse(), &object_to_world),
-        (Normalise::Auto, ObjectBounds::Bound(bound)) => match by_masks(views) {
+        (Normalise::Auto, ObjectBounds::Bound(bound)) => match by_masks(views, Some(&bound)) {
             Ok((similarity, warnings)) => {
                 raw.warnings.extend(warnings);
                 similarity
@@ -40,7 +40,7 @@ pub(super) fn into_object_space(raw: &mut RawScene, views: &mut [View], normalis
             }
         },
         (Normalise::Hull, _) | (Normalise::Auto, ObjectBounds::Unknown) => {
-            let (similarity, warnings) = by_masks(views)?;
+            let (similarity, warnings) = by_masks(views, None)?;
             raw.warnings.extend(warnings);
             similarity
         }
@@ -70,16 +70,25 @@ pub(super) fn into_object_space(raw: &mut RawScene, views: &mut [View], normalis
     Ok(compose(&raw.files_to_world, &object_to_files))
 }
 
-/// Finds the object by its masks; where no view has one, by what all cameras look at.
-fn by_masks(views: &[View]) -> Result<(Similarity, Vec<String>)> {
+/// Finds the object by its masks, in the image of the unit cube under `bound` where that is known; where no view has a
+/// mask, by what all cameras look at.
+fn by_masks(views: &[View], bound: Option<&Similarity>) -> Result<(Similarity, Vec<String>)> {
     if views.iter().all(|view| view.mask.is_none()) {
         let cameras: Vec<&Camera> = views.iter().map(|view| &view.camera).collect();
         let warning =
             "without masks, the unit cube is what most pictures show around the point that all cameras look at";
         return Ok((normalisation_by_cameras(&cameras)?, vec![warning.to_owned()]));
     }
-    let views: Vec<_> = views.iter().map(|view| (&view.camera, view.mask.as_ref())).collect();
-    normalisation(&views).map(|found| (found.object_to_world, found.warnings))
+    // What the dataset keeps for testing has no say in where the object is, as long as others have.
+    let others = views.iter().filter(|view| view.split != Split::Test && view.mask.is_some()).count();
+    let is_asked = |view: &View| others < 2 || view.split != Split::Test;
+    let views: Vec<_> =
+        views.iter().map(|view| (&view.camera, view.mask.as_ref().filter(|_| is_asked(view)))).collect();
+    let mut found = normalisation(&views)?;
+    if let Some(bound) = bound {
+        found = found.within(&Bounds::cube(bound.translation, 0.5 * bound.scale));
+    }
+    Ok((found.object_to_world, found.warnings))
 }
 
 /// `outer` after `inner`.
@@ -115,27 +124,33 @@ pub(super) fn check_cube(views: &[View], warnings: &mut Vec<String>) {
 }
 
 /// Keeps the sparse points that are on the object: in the unit cube, and on the mask in every view that sees them.
-/// Points that no view sees are dropped too.
+/// Points that no view sees are dropped too. Where the files do not say which views these are, a point must be on every
+/// mask that has it in its frame.
 pub(super) fn keep_points_on_object(raw: &mut RawScene, views: &[View]) {
     let Some(sparse) = &mut raw.sparse_points else { return };
     let cube = UnitCube { padding: 0.0 };
-    // A view without a mask has nothing against a point that it sees.
-    let on_mask = |point: Vec3, view: usize| {
-        let view = &views[view];
+    let has_tracks = sparse.has_tracks();
+    // A view without a mask has nothing against a point that it sees, and one for testing is not asked.
+    let on_mask = |point: Vec3, view: &View| {
         let (pixel, z) = view.camera.project(point.as_dvec3());
         let is_object = |mask: &Mask| mask.is_object(pixel.x as u32, pixel.y as u32);
-        z > 0.0 && view.camera.sees(pixel) && view.mask.as_ref().is_none_or(is_object)
+        let asked = view.mask.as_ref().filter(|_| view.split != Split::Test);
+        if z > 0.0 && view.camera.sees(pixel) { asked.is_none_or(is_object) } else { !has_tracks }
+    };
+    let on_object = |point: Vec3, seen: &[usize]| match has_tracks {
+        true => !seen.is_empty() && seen.iter().all(|&view| on_mask(point, &views[view])),
+        false => views.iter().all(|view| on_mask(point, view)),
     };
     let keep: Vec<bool> = sparse
         .cloud
         .points
         .iter()
         .zip(&sparse.visible_in)
-        .map(|(&point, seen)| {
-            cube.contains(point.as_dvec3()) && !seen.is_empty() && seen.iter().all(|&view| on_mask(point, view))
-        })
+        .map(|(&point, seen)| cube.contains(point.as_dvec3()) && on_object(point, seen))
         .collect();
     retain(&mut sparse.visible_in, &keep);
+    sparse.bearings.iter_mut().for_each(|bearings| retain(bearings, &keep));
+    sparse.errors_px.iter_mut().for_each(|errors| retain(errors, &keep));
     let PointCloud { points, normals, colors } = &mut sparse.cloud;
     retain(points, &keep);
     normals.iter_mut().for_each(|normals| retain(normals, &keep));

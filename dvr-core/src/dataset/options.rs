@@ -4,6 +4,7 @@ use std::fmt;
 use std::str::FromStr;
 
 use crate::camera::Similarity;
+use crate::cancellation::Cancellation;
 use crate::error::{Error, Result};
 
 /// A layout of posed photographs, by its name: [`Format::all`] tells which there are.
@@ -97,6 +98,10 @@ pub struct ReadOptions {
     pub n_views: Option<usize>,
     /// Views to leave out, by name, or by number in the order of the files, from 0.
     pub ignored_views: Vec<String>,
+    /// The views of an earlier reading, by name. Only these are read, whatever `n_views` and `ignored_views` say; a
+    /// warning names views that came since then. Not stored with the other options.
+    #[serde(skip)]
+    pub only_views: Option<Vec<String>>,
     /// Who says where the object is.
     pub normalise: Normalise,
     /// DVR layout: take depth from `visual_hull_depth/`, even where there is a `depth/`.
@@ -105,6 +110,9 @@ pub struct ReadOptions {
     /// file in the system's temporary folder and is paged in as it is read. Without, everything is in memory. What is
     /// computed is the same either way. Depth maps stay in memory, and so do refined masks where everything else fits.
     pub max_memory: Option<u64>,
+    /// Ends the reading early, with [`Error::Cancelled`].
+    #[serde(skip)]
+    pub cancellation: Cancellation,
 }
 
 impl Default for ReadOptions {
@@ -115,9 +123,11 @@ impl Default for ReadOptions {
             background: None,
             n_views: None,
             ignored_views: Vec::new(),
+            only_views: None,
             normalise: Normalise::Auto,
             visual_hull_depth: false,
             max_memory: None,
+            cancellation: Cancellation::default(),
         }
     }
 }

@@ -62,7 +62,7 @@ pub(super) fn folder_name(root: &Path) -> String {
 }
 
 /// Compares as a person would: runs of digits by their value.
-pub(super) fn natural_order(a: &str, b: &str) -> Ordering {
+pub(crate) fn natural_order(a: &str, b: &str) -> Ordering {
     let (mut x, mut y) = (a.as_bytes(), b.as_bytes());
     while let (Some(&p), Some(&q)) = (x.first(), y.first()) {
         if p.is_ascii_digit() && q.is_ascii_digit() {
@@ -207,7 +207,8 @@ pub(super) fn view_names(images: &[PathBuf], file: &Path) -> Result<Vec<String>>
     if distinct(&names) {
         return Ok(names);
     }
-    let twice = names.iter().enumerate().find(|(i, name)| names[..*i].contains(name)).map(|(i, _)| &images[i]);
+    let mut seen = BTreeSet::new();
+    let twice = names.iter().position(|name| !seen.insert(name)).map(|i| &images[i]);
     let twice = twice.map(|path| path.display().to_string()).unwrap_or_default();
     Err(Error::format(
         file,

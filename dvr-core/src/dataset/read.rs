@@ -23,6 +23,7 @@ pub fn read_scene(path: &Path, options: &ReadOptions) -> Result<Scene> {
     select_views(&mut raw, options)?;
     let mut views = load_views(&mut raw, options)?;
     check_masks(&mut raw, &views)?;
+    options.cancellation.check()?;
     let object_to_world = into_object_space(&mut raw, &mut views, options.normalise)?;
     check_cube(&views, &mut raw.warnings);
     keep_points_on_object(&mut raw, &views);

@@ -4,13 +4,18 @@
 mod camera;
 mod comparison;
 mod normalisation;
+mod output;
 
 pub use camera::CameraError;
 pub use comparison::ComparisonError;
 pub use normalisation::NormalisationError;
 pub(crate) use normalisation::name_views;
+pub use output::OutputError;
 
 use std::path::{Path, PathBuf};
+
+use crate::cancellation::Cancelled;
+use crate::number_range::OutOfRange;
 
 /// Result of anything in this crate that can fail.
 pub type Result<T> = std::result::Result<T, Error>;
@@ -18,6 +23,9 @@ pub type Result<T> = std::result::Result<T, Error>;
 /// What went wrong, written for the person who holds the file: which file, what was found, what to do.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
+    /// Somebody wanted the work to end.
+    #[error("{0}")]
+    Cancelled(#[from] Cancelled),
     /// The operating system refused a file: missing, not readable, disk full, read-only.
     #[error("{}: {source}", path.display())]
     Io {
@@ -35,6 +43,21 @@ pub enum Error {
         problem: String,
         /// What the user can do about it, one sentence with its full stop.
         remedy: String,
+    },
+    /// A file holds, or claims to hold, more than is read; the limits are those of [`files::limits`](crate::files::limits).
+    #[error(
+        "{}: {what} is {value}, and at most {limit} is read. A damaged file may claim that: check it, or make it smaller.",
+        path.display()
+    )]
+    TooLarge {
+        /// The offending file.
+        path: PathBuf,
+        /// What is too large, with its unit.
+        what: String,
+        /// How large it is, or would be.
+        value: u64,
+        /// How large it may be.
+        limit: u64,
     },
     /// The camera of a view, or the similarity of a scene, cannot be used.
     #[error("{}: {what}{source}", path.display())]
@@ -73,6 +96,14 @@ pub enum Error {
         all: usize,
         /// What they are left for: `to read` or `to train on`.
         purpose: &'static str,
+    },
+    /// A scene that was read again has views that were not there before.
+    #[error("{scene}: views were not there when the run began: {}", first(views))]
+    ViewsUnknown {
+        /// The scene.
+        scene: String,
+        /// The views.
+        views: Vec<String>,
     },
     /// A view that is to be left out does not exist.
     #[error("there is no view `{name}` to leave out. Name a view ({}) or its number.", first(known))]
@@ -132,6 +163,14 @@ pub enum Error {
         /// Those that there are.
         known: Vec<String>,
     },
+    /// The photographs of a scene take more memory than there is.
+    #[error("the photographs take {} MB in memory, and there are {}", bytes.div_ceil(1_000_000), available / 1_000_000)]
+    PhotographMemory {
+        /// Bytes that they take.
+        bytes: u64,
+        /// Bytes that the machine has.
+        available: u64,
+    },
     /// A name is none of a list.
     #[error("`{name}` is not a {what}. Use one of {expected}.")]
     UnknownName {
@@ -143,15 +182,8 @@ pub enum Error {
         expected: String,
     },
     /// A value is out of its range.
-    #[error("{name} is {value}, expected {expected}")]
-    OutOfRange {
-        /// Name of the value.
-        name: &'static str,
-        /// What was given.
-        value: String,
-        /// What it may be.
-        expected: &'static str,
-    },
+    #[error(transparent)]
+    OutOfRange(#[from] OutOfRange),
     /// A name cannot be that of a folder.
     #[error("`{name}` cannot be the name of a folder for the {what}. Use letters, digits, `-` and `_`.")]
     FolderName {
@@ -166,6 +198,9 @@ pub enum Error {
         /// Path of the folder, or category and name of an object that is given twice.
         name: String,
     },
+    /// Results may not be written there.
+    #[error(transparent)]
+    Output(#[from] OutputError),
     /// The faces of a mesh have no extent.
     #[error("a mesh of {faces} faces has no extent, expected a surface")]
     NoExtent {

@@ -1,13 +1,21 @@
-//! Write to a temporary name beside the target, then rename: a reader sees the old file or the new one, never a part.
+//! Write to a temporary name beside the target, sync, rename, sync the folder: a reader sees the old file or the new one,
+//! never a part, even after a power cut.
+//!
+//! Everything that this program writes goes through here.
 
-use std::io::{BufWriter, Write};
+use std::fs::File;
+use std::io::{BufWriter, IntoInnerError, Write};
 use std::path::Path;
 
+use super::fault;
+use super::leftovers::{folder_of, temporary_beside};
+use super::temporary::TemporaryName;
 use crate::error::{Error, Result};
 
 /// Writes a file through `content` and puts it at `path` in one step.
 ///
-/// Should `content` fail, or the program be stopped, what stood at `path` stays as it was.
+/// Should `content` fail, or the program be stopped, what stood at `path` stays as it was. A link at `path` is replaced,
+/// not followed.
 ///
 /// # Errors
 /// [`Error::Io`] where the folder is missing or read-only, the disk is full, or `content` fails.
@@ -24,25 +32,64 @@ pub fn write_bytes_atomically(path: &Path, bytes: &[u8]) -> Result<()> {
 }
 
 fn write_beside(path: &Path, content: impl FnOnce(&mut dyn Write) -> std::io::Result<()>) -> std::io::Result<()> {
-    // The parent of a bare file name is the empty path, which no call accepts.
-    let folder = path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(".").suffix(".tmp");
-    #[cfg(unix)]
-    {
-        // Temporary files are private by default; the renamed file gets what any new file gets (the umask applies).
-        use std::os::unix::fs::PermissionsExt;
-        builder.permissions(std::fs::Permissions::from_mode(0o666));
-    }
-    let mut writer = BufWriter::new(builder.tempfile_in(folder)?);
+    fault::point()?;
+    let (mut temporary, _name) = TemporaryName::of(|| temporary_beside(path), |file| file.path().to_owned())?;
+    let written = fill(temporary.as_file(), content).and_then(|()| fault::point());
+    // Only the killed leave temporary files; else they are removed as the error leaves this function.
+    temporary.disable_cleanup(fault::is_dead());
+    written?;
+    temporary.persist(path)?;
+    sync_folder(folder_of(path))
+}
+
+/// Writes the content, and has it on the disk.
+fn fill(file: &File, content: impl FnOnce(&mut dyn Write) -> std::io::Result<()>) -> std::io::Result<()> {
+    let mut writer = BufWriter::new(Faulty(file));
     content(&mut writer)?;
-    let file = writer.into_inner().map_err(std::io::IntoInnerError::into_error)?;
-    file.persist(path)?;
-    Ok(())
+    let Faulty(file) = writer.into_inner().map_err(IntoInnerError::into_error)?;
+    fault::point()?;
+    file.sync_all()
+}
+
+/// A file that takes half of what it is given where a test asks for a fault.
+struct Faulty<'f>(&'f File);
+
+impl Write for Faulty<'_> {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        match fault::point() {
+            Ok(()) => self.0.write(bytes),
+            Err(error) => self.0.write_all(&bytes[..bytes.len() / 2]).and(Err(error)),
+        }
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        self.0.flush()
+    }
+}
+
+/// Has the names in a folder on the disk: a renamed file otherwise may be lost in a power cut though it was synced itself.
+#[cfg(unix)]
+pub(crate) fn sync_folder(folder: &Path) -> std::io::Result<()> {
+    use std::io::ErrorKind;
+    fault::point()?;
+    // A folder may be writable and not readable; some file systems sync no folders.
+    let Ok(folder) = File::open(folder) else { return Ok(()) };
+    match folder.sync_all() {
+        Err(error) if !matches!(error.kind(), ErrorKind::InvalidInput | ErrorKind::Unsupported) => Err(error),
+        _ => Ok(()),
+    }
+}
+
+/// Other systems than Unix open no folders.
+#[cfg(not(unix))]
+pub(crate) fn sync_folder(_: &Path) -> std::io::Result<()> {
+    fault::point()
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::fault::{Fault, inject};
+    use super::super::leftovers::remove_leftovers;
     use super::*;
 
     #[test]
@@ -59,6 +106,51 @@ mod tests {
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
         write_bytes_atomically(&path, b"new").unwrap();
         assert_eq!(std::fs::read(&path).unwrap(), b"new");
+    }
+
+    /// Replaces a file with content of several writes, with a fault at each operation in turn; returns how many there are.
+    fn with_every_fault(fault: Fault, check: impl Fn(&Path, Result<()>)) -> usize {
+        let long = vec![7u8; 20_000];
+        for operations in 0.. {
+            let folder = tempfile::tempdir().unwrap();
+            let path = folder.path().join("a.bin");
+            write_bytes_atomically(&path, b"old").unwrap();
+            let injected = inject(fault, operations);
+            let written = write_atomically(&path, |file| {
+                [b"head".as_slice(), &long, b"tail"].map(|b| file.write_all(b)).into_iter().collect()
+            });
+            let has_struck = injected.has_struck();
+            drop(injected);
+            check(&path, written);
+            let bytes = std::fs::read(&path).unwrap();
+            assert!(bytes == b"old" || bytes.len() == long.len() + 8, "operation {operations}: a part was seen");
+            if !has_struck {
+                return operations;
+            }
+        }
+        unreachable!("the loop has no end")
+    }
+
+    #[test]
+    fn whatever_the_system_refuses_the_file_is_old_or_new_and_nothing_stays() {
+        let count = with_every_fault(Fault::Refused, |path, written| {
+            assert_eq!(std::fs::read_dir(path.parent().unwrap()).unwrap().count(), 1);
+            if std::fs::read(path).unwrap() == b"old" {
+                let error = written.unwrap_err().to_string();
+                assert!(error.contains("a.bin: "), "{error}");
+            }
+        });
+        assert!(count >= 6, "create, write, write, sync, rename, sync the folder: {count}");
+    }
+
+    #[test]
+    fn whenever_the_process_is_killed_the_file_is_old_or_new_and_what_stays_is_known() {
+        let count = with_every_fault(Fault::Killed, |path, _| {
+            let folder = path.parent().unwrap();
+            remove_leftovers(folder, None);
+            assert_eq!(std::fs::read_dir(folder).unwrap().count(), 1);
+        });
+        assert!(count >= 6, "{count}");
     }
 
     #[cfg(unix)]

@@ -3,11 +3,14 @@
 use std::io::Cursor;
 use std::path::Path;
 
+use exr::block::chunk::CompressedBlock;
+use exr::meta::{BlockDescription, MetaData};
 use exr::prelude::{
     AnyChannel, AnyChannels, FlatSamples, Image, ReadChannels, ReadLayers, WritableImage, read as read_exr,
 };
 use image::Rgb32FImage;
 
+use super::limits::{EXR_BYTES, check_limit};
 use super::{read_bytes, write_bytes_atomically};
 use crate::error::{Error, Result};
 use crate::raster::DepthMap;
@@ -15,16 +18,14 @@ use crate::raster::DepthMap;
 /// Depths from here on mean "nothing there"; Blender writes 1e10 for the background.
 const FAR: f32 = 1e9;
 
-/// More pixels than any depth map has (a damaged header can claim billions and exhaust the memory).
-const MOST_PIXELS: usize = 1 << 28;
-
 /// Reads a depth map: the channel named `Z`, `depth` or `V` (Blender), else the first one, in half or single precision.
 ///
 /// Whatever the file writes for the background (infinity, NaN, 0, a negative number, or 1e9 and more) becomes `+inf`.
 /// Units are the file's.
 ///
 /// # Errors
-/// [`Error::Io`] where the file cannot be opened, [`Error::Format`] where it is damaged or holds no usable channel.
+/// [`Error::Io`] where the file cannot be opened, [`Error::Format`] where it is damaged or holds no usable channel,
+/// [`Error::TooLarge`] where its channels have more than [`EXR_BYTES`].
 pub fn read_depth_exr(path: &Path) -> Result<DepthMap> {
     let bytes = read_bytes(path)?;
     let damaged = |what: String| {
@@ -34,14 +35,14 @@ pub fn read_depth_exr(path: &Path) -> Result<DepthMap> {
             "The file may be truncated: copy it again, or write it as a single-layer OpenEXR file.",
         )
     };
-    let meta =
-        exr::meta::MetaData::read_from_buffered(Cursor::new(&bytes), false).map_err(|e| damaged(e.to_string()))?;
+    let meta = MetaData::read_from_buffered(Cursor::new(&bytes), false).map_err(|e| damaged(e.to_string()))?;
     for header in &meta.headers {
-        let (width, height) = (header.layer_size.width(), header.layer_size.height());
-        if width.checked_mul(height).is_none_or(|pixels| pixels > MOST_PIXELS) {
-            return Err(damaged(format!("it claims {width}x{height} pixels")));
-        }
+        let (width, height) = (header.layer_size.width() as u64, header.layer_size.height() as u64);
+        let bytes_per_pixel = header.channels.bytes_per_pixel.max(1) as u64;
+        let size = width.saturating_mul(height).saturating_mul(bytes_per_pixel);
+        check_limit(path, "the size of all channels in bytes", size, EXR_BYTES)?;
     }
+    check_tiles(&bytes, &meta).map_err(damaged)?;
     let image = read_exr()
         .no_deep_data()
         .largest_resolution_level()
@@ -52,20 +53,40 @@ pub fn read_depth_exr(path: &Path) -> Result<DepthMap> {
         .from_buffered(Cursor::new(&bytes))
         .map_err(|error| damaged(error.to_string()))?;
     let (width, height) = (image.layer_data.size.width(), image.layer_data.size.height());
-    let channels = &image.layer_data.channel_data.list;
-    let named = |name: &str| channels.iter().find(|c| c.name.to_string().to_lowercase() == name);
-    let channel = ["z", "depth", "v"]
-        .iter()
-        .find_map(|name| named(name))
-        .or(channels.first())
-        .ok_or_else(|| damaged("it has no channel".to_owned()))?;
+    let mut channels = image.layer_data.channel_data.list;
+    if channels.is_empty() {
+        return Err(damaged("it has no channel".to_owned()));
+    }
+    let named = |name: &str| channels.iter().position(|c| c.name.to_string().to_lowercase() == name);
+    let chosen = ["z", "depth", "v"].iter().find_map(|name| named(name)).unwrap_or(0);
+    let channel = channels.swap_remove(chosen);
+    drop(channels);
     let z_depth: Vec<f32> =
         channel.sample_data.values_as_f32().map(|z| if z > 0.0 && z < FAR { z } else { f32::INFINITY }).collect();
     if width == 0 || height == 0 || z_depth.len() != width * height {
         return Err(damaged(format!("{} samples for {width}x{height} pixels", z_depth.len())));
     }
-    // MOST_PIXELS bounds both numbers.
+    // EXR_BYTES bounds both numbers.
     Ok(DepthMap { width: width as u32, height: height as u32, z_depth })
+}
+
+/// Refuses tiles of smaller versions of the image where the table of contents has those of the image itself: the `exr`
+/// crate takes the table's word.
+fn check_tiles(bytes: &[u8], meta: &MetaData) -> std::result::Result<(), String> {
+    if meta.headers.iter().all(|header| header.blocks == BlockDescription::ScanLines) {
+        return Ok(());
+    }
+    let chunks = exr::block::read(Cursor::new(bytes), false)
+        .and_then(|reader| reader.filter_chunks(false, |_, tile, _| tile.is_largest_resolution_level()));
+    for chunk in chunks.map_err(|error| error.to_string())? {
+        let chunk = chunk.map_err(|error| error.to_string())?;
+        if let CompressedBlock::Tile(tile) = chunk.compressed_block
+            && !tile.coordinates.is_largest_resolution_level()
+        {
+            return Err("a tile is of another size than its table says".to_owned());
+        }
+    }
+    Ok(())
 }
 
 /// Writes a depth map as the DVR datasets have it: the depth in each of `B`, `G`, `R`, single precision, background

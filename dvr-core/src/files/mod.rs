@@ -1,38 +1,33 @@
-//! Files of pixels, and writing any file so that half of it is never seen.
+//! Files of pixels; writing any file so that half of it is never seen, and where nothing of the user's is lost.
 //!
 //! Photographs and masks are PNG or JPEG (WebP, BMP, TIFF and GIF are read as well), depth maps and float renders are
 //! OpenEXR. Every reader takes an error back to the file's name; none panics on a damaged file.
 
 mod atomic;
 mod exr_file;
+#[doc(hidden)]
+pub mod fault;
+mod folder_lock;
+mod leftovers;
+pub mod limits;
+mod manifest;
+mod output_folder;
 mod picture;
+mod places;
 mod scratch;
+mod temporary;
 
+pub use crate::folder_kind::FolderKind;
+pub(crate) use atomic::sync_folder;
 pub use atomic::{write_atomically, write_bytes_atomically};
 pub use exr_file::{read_depth_exr, write_depth_exr, write_rgb_exr};
-pub(crate) use picture::image_size;
+pub(crate) use limits::shortened;
+pub use limits::{check_limit, read_bytes, read_text};
+pub use output_folder::{Claim, OutputFolder, holds};
 pub use picture::{Photo, read_mask, read_photo, read_rgb, write_gray_png, write_rgb_png, write_rgba_png};
+pub(crate) use picture::{decoded_picture, image_size};
+pub use places::{check_beside_data, check_file};
 pub use scratch::ScratchBytes;
 pub(crate) use scratch::ScratchFile;
-
-use std::path::Path;
-
-use crate::error::{Error, Result};
-
-/// The whole file.
-///
-/// # Errors
-/// [`Error::Io`] where the file is missing or not readable.
-pub(crate) fn read_bytes(path: &Path) -> Result<Vec<u8>> {
-    std::fs::read(path).map_err(|source| Error::io(path, source))
-}
-
-/// The whole file as text.
-///
-/// # Errors
-/// [`Error::Io`] where the file is missing or not readable, [`Error::Format`] where it is not UTF-8.
-pub(crate) fn read_text(path: &Path) -> Result<String> {
-    String::from_utf8(read_bytes(path)?).map_err(|_| {
-        Error::format(path, "the file is not text", "Check that this is the file that was meant, and save it as UTF-8.")
-    })
-}
+pub(crate) use temporary::TemporaryName;
+pub use temporary::remove_temporary_files;

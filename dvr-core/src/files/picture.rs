@@ -1,17 +1,22 @@
 //! Photographs and masks in 8 bits per channel.
 
+use std::io::Cursor;
 use std::ops::Deref;
 use std::path::Path;
 
 use image::codecs::png::PngEncoder;
 use image::{
-    DynamicImage, ExtendedColorType, GrayImage, ImageBuffer, ImageEncoder, ImageFormat, ImageReader, Luma, RgbImage,
-    RgbaImage,
+    DynamicImage, ExtendedColorType, GrayImage, ImageBuffer, ImageDecoder, ImageEncoder, ImageFormat, ImageReader,
+    Limits, Luma, RgbImage, RgbaImage,
 };
 
+use super::limits::{JPEG_PIXELS_PER_BYTE, PICTURE_BYTES, PICTURE_PIXELS, check_limit};
 use super::{read_bytes, write_bytes_atomically};
 use crate::error::{Error, Result};
 use crate::raster::Mask;
+
+/// Rows that are converted at a time.
+const BAND: u32 = 64;
 
 /// A photograph as its file holds it.
 #[derive(Clone, Debug)]
@@ -27,11 +32,12 @@ pub struct Photo {
 /// An orientation tag (EXIF) is not applied: calibrations refer to the pixels as they are stored.
 ///
 /// # Errors
-/// [`Error::Io`] where the file cannot be opened, [`Error::Format`] where it is damaged or of another kind.
+/// [`Error::Io`] where the file cannot be opened, [`Error::Format`] where it is damaged or of another kind,
+/// [`Error::TooLarge`] above [`PICTURE_PIXELS`] or [`PICTURE_BYTES`].
 pub fn read_photo(path: &Path) -> Result<Photo> {
     let decoded = decode(path)?;
-    let alpha = decoded.color().has_alpha().then(|| alpha_of(&decoded)).filter(|a| a.pixels().any(|p| p.0[0] < 255));
-    Ok(Photo { image: decoded.into_rgb8(), alpha: alpha.map(Mask::from) })
+    let alpha = alpha_of(&decoded);
+    Ok(Photo { image: into_rgb(decoded), alpha: alpha.map(Mask::from) })
 }
 
 /// [`read_photo`] without its alpha channel.
@@ -51,27 +57,20 @@ pub fn read_rgb(path: &Path) -> Result<RgbImage> {
 /// As [`read_photo`].
 pub fn read_mask(path: &Path) -> Result<Mask> {
     let decoded = decode(path)?;
-    let color = decoded.color();
-    if color.has_alpha() {
-        let alpha = alpha_of(&decoded);
-        if alpha.pixels().any(|p| p.0[0] < 255) {
-            return Ok(Mask::from(alpha));
-        }
+    if let Some(alpha) = alpha_of(&decoded) {
+        return Ok(Mask::from(alpha));
     }
+    let color = decoded.color();
     let (width, height) = (decoded.width(), decoded.height());
     let full_range = if color.bytes_per_pixel() / color.channel_count() > 1 { 65535 } else { 255 };
-    let brightest: Vec<u32> = if full_range == 255 {
-        decoded.to_rgb8().pixels().map(|p| u32::from(*p.0.iter().max().unwrap_or(&0))).collect()
-    } else {
-        decoded.to_rgb16().pixels().map(|p| u32::from(*p.0.iter().max().unwrap_or(&0))).collect()
-    };
+    let brightest = brightest_channel(decoded);
     let full = match brightest.iter().max() {
         Some(1) => 1,
         Some(2..=255) => 255,
         _ => full_range,
     };
     // Rounded to the nearest of 0..=255; `full` bounds every value, so the narrowing is exact.
-    let coverage = brightest.into_iter().map(|v| ((v * 255 + full / 2) / full) as u8).collect();
+    let coverage = brightest.into_iter().map(|v| ((u32::from(v) * 255 + full / 2) / full) as u8).collect();
     let coverage = GrayImage::from_vec(width, height, coverage)
         .ok_or_else(|| damaged(path, "the decoder gave fewer pixels than the image has"))?;
     Ok(Mask::from(coverage))
@@ -115,11 +114,32 @@ fn decode(path: &Path) -> Result<DynamicImage> {
     if image::guess_format(&bytes).is_ok_and(|format| format == ImageFormat::Jpeg) && !jpeg_is_whole(&bytes) {
         return Err(damaged(path, "the file ends before the image does"));
     }
-    let image = image::load_from_memory(&bytes).map_err(|error| damaged(path, error))?;
-    if image.width() == 0 || image.height() == 0 {
+    decoded_picture(path, &bytes)
+}
+
+/// The picture in the bytes of a file that `path` names, its size checked before it is decoded.
+///
+/// # Errors
+/// [`Error::Format`] where the bytes are damaged or no picture, [`Error::TooLarge`] above [`PICTURE_PIXELS`] or
+/// [`PICTURE_BYTES`].
+pub(crate) fn decoded_picture(path: &Path, bytes: &[u8]) -> Result<DynamicImage> {
+    let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|e| damaged(path, e))?;
+    let is_jpeg = reader.format() == Some(ImageFormat::Jpeg);
+    let mut limits = Limits::no_limits();
+    limits.max_alloc = Some(PICTURE_BYTES);
+    reader.limits(limits);
+    let decoder = reader.into_decoder().map_err(|error| damaged(path, error))?;
+    let (width, height) = decoder.dimensions();
+    let pixels = u64::from(width) * u64::from(height);
+    check_limit(path, "the number of pixels", pixels, PICTURE_PIXELS)?;
+    check_limit(path, "the size of the decoded picture in bytes", decoder.total_bytes(), PICTURE_BYTES)?;
+    if is_jpeg && pixels > JPEG_PIXELS_PER_BYTE * bytes.len() as u64 {
+        return Err(damaged(path, format!("{width}x{height} pixels cannot be in a JPEG of {} bytes", bytes.len())));
+    }
+    if pixels == 0 {
         return Err(damaged(path, "it has no pixels"));
     }
-    Ok(image)
+    DynamicImage::from_decoder(decoder).map_err(|error| damaged(path, error))
 }
 
 /// Size of the image in pixels, `(width, height)`, without decoding it.
@@ -158,9 +178,52 @@ fn damaged(path: &Path, what: impl std::fmt::Display) -> Error {
     )
 }
 
-fn alpha_of(image: &DynamicImage) -> GrayImage {
-    let rgba = image.to_rgba8();
-    GrayImage::from_fn(rgba.width(), rgba.height(), |u, v| image::Luma([rgba.get_pixel(u, v).0[3]]))
+/// The alpha channel, where there is one and it is not opaque everywhere. 16 bits are rounded to 8 as the decoder does.
+fn alpha_of(image: &DynamicImage) -> Option<GrayImage> {
+    let alpha: Vec<u8> = match image {
+        DynamicImage::ImageLumaA8(image) => image.pixels().map(|p| p.0[1]).collect(),
+        DynamicImage::ImageRgba8(image) => image.pixels().map(|p| p.0[3]).collect(),
+        image if image.color().has_alpha() => {
+            // A band at a time: a copy of all of it would be as large as the picture.
+            let bands = (0..image.height()).step_by(BAND as usize);
+            let band = |top| image.crop_imm(0, top, image.width(), BAND).into_rgba8();
+            bands.flat_map(|top| band(top).pixels().map(|p| p.0[3]).collect::<Vec<u8>>()).collect()
+        }
+        _ => return None,
+    };
+    if alpha.iter().all(|&a| a == 255) { None } else { GrayImage::from_vec(image.width(), image.height(), alpha) }
+}
+
+/// The colours in 8 bits; those of the most common kind in their own memory.
+fn into_rgb(image: DynamicImage) -> RgbImage {
+    let (width, height) = (image.width(), image.height());
+    let DynamicImage::ImageRgba8(rgba) = image else { return image.into_rgb8() };
+    let mut bytes = rgba.into_raw();
+    let pixels = width as usize * height as usize;
+    for pixel in 0..pixels {
+        bytes.copy_within(4 * pixel..4 * pixel + 3, 3 * pixel);
+    }
+    bytes.truncate(3 * pixels);
+    bytes.shrink_to_fit();
+    // Three bytes per pixel are what was kept.
+    RgbImage::from_vec(width, height, bytes).unwrap_or_default()
+}
+
+/// The brightest colour channel of each pixel, in as many bits as the picture has.
+fn brightest_channel(image: DynamicImage) -> Vec<u16> {
+    fn brightest<const N: usize, T: Copy + Ord + Into<u16>>(channels: [T; N]) -> u16 {
+        channels.into_iter().max().map_or(0, Into::into)
+    }
+    match image {
+        DynamicImage::ImageLuma8(image) => image.pixels().map(|p| u16::from(p.0[0])).collect(),
+        DynamicImage::ImageLumaA8(image) => image.pixels().map(|p| u16::from(p.0[0])).collect(),
+        DynamicImage::ImageLuma16(image) => image.pixels().map(|p| p.0[0]).collect(),
+        DynamicImage::ImageLumaA16(image) => image.pixels().map(|p| p.0[0]).collect(),
+        DynamicImage::ImageRgb8(image) => image.pixels().map(|p| brightest(p.0)).collect(),
+        DynamicImage::ImageRgba8(image) => image.pixels().map(|p| brightest([p.0[0], p.0[1], p.0[2]])).collect(),
+        DynamicImage::ImageRgba16(image) => image.pixels().map(|p| brightest([p.0[0], p.0[1], p.0[2]])).collect(),
+        image => image.into_rgb16().pixels().map(|p| brightest(p.0)).collect(),
+    }
 }
 
 #[cfg(test)]

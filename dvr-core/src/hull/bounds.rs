@@ -27,6 +27,12 @@ impl Bounds {
         0.5 * (self.min + self.max)
     }
 
+    /// What lies in both boxes; `None` where nothing does.
+    pub fn intersection(&self, other: &Self) -> Option<Self> {
+        let both = Self { min: self.min.max(other.min), max: self.max.min(other.max) };
+        both.min.cmplt(both.max).all().then_some(both)
+    }
+
     /// Edge lengths.
     pub fn size(&self) -> DVec3 {
         self.max - self.min

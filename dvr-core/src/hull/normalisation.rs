@@ -41,6 +41,24 @@ pub struct Normalisation {
     pub warnings: Vec<String>,
 }
 
+impl Normalisation {
+    /// The object fills this box but for a margin: its longest edge becomes 0.9.
+    pub(super) fn of_bounds(bounds: Bounds, warnings: Vec<String>) -> Self {
+        let scale = bounds.size().max_element() / OBJECT_EDGE;
+        let object_to_world = Similarity { scale, rotation: DQuat::IDENTITY, translation: bounds.center() };
+        Self { object_to_world, bounds, warnings }
+    }
+
+    /// The same where the object is known to lie in a region: what sticks out of it is cut off. Masks that the frame
+    /// cuts leave a hull that no view bounds there.
+    pub fn within(self, region: &Bounds) -> Self {
+        match self.bounds.intersection(region) {
+            Some(bounds) if bounds != self.bounds => Self::of_bounds(bounds, self.warnings),
+            _ => self,
+        }
+    }
+}
+
 /// Finds the object's box from cameras and masks alone, whatever the units and the origin of the world.
 ///
 /// The similarity takes the unit cube to the world without rotation; the longest edge of the visual hull's box becomes
@@ -80,9 +98,7 @@ pub fn normalisation(views: &[(&Camera, Option<&Mask>)]) -> Result<Normalisation
     warnings.extend(found.warnings(&silhouettes, &shown));
     let hull = VisualHull::carve_silhouettes(&silhouettes, region, FINAL_RESOLUTION, &found.settings)?;
     let bounds = hull.bounding_box().unwrap_or(region);
-    let scale = bounds.size().max_element() / OBJECT_EDGE;
-    let object_to_world = Similarity { scale, rotation: DQuat::IDENTITY, translation: bounds.center() };
-    Ok(Normalisation { object_to_world, bounds, warnings })
+    Ok(Normalisation::of_bounds(bounds, warnings))
 }
 
 /// The cube around the point that all cameras look at, as large as most pictures show it in full: what is left to say

@@ -1,6 +1,6 @@
 use std::path::Path;
 
-use dvr_test_support::scene;
+use dvr_test_support::{scene, test_with};
 
 use glam::{DMat3, DVec3};
 use image::{GrayImage, Luma};
@@ -264,8 +264,8 @@ fn read_mask(path: &Path) -> Mask {
 }
 
 /// A scene in Middlebury's layout: `<name>_par.txt` with a line a view: file, K, R, t.
-fn middlebury(folder: &str, parameters: &str) -> Option<(Vec<Camera>, Vec<Mask>)> {
-    let folder = scene(folder)?;
+fn middlebury(folder: &str, parameters: &str) -> (Vec<Camera>, Vec<Mask>) {
+    let folder = scene(folder);
     let text = std::fs::read_to_string(folder.join(parameters)).unwrap();
     let views = text.lines().skip(1).map(|line| {
         let mut words = line.split_whitespace();
@@ -282,11 +282,11 @@ fn middlebury(folder: &str, parameters: &str) -> Option<(Vec<Camera>, Vec<Mask>)
         };
         (camera, mask)
     });
-    Some(views.unzip())
+    views.unzip()
 }
 
-fn dtu() -> Option<(Vec<Camera>, Vec<Mask>, DMat3, DVec3)> {
-    let folder = scene("dtu_scan65")?;
+fn dtu() -> (Vec<Camera>, Vec<Mask>, DMat3, DVec3) {
+    let folder = scene("dtu_scan65");
     let mut file = NpzFile::open(&folder.join("cameras_sphere.npz")).unwrap();
     let mut matrix = |name: &str| -> (DMat3, DVec3) {
         let data = file.read(name).unwrap().to_f64();
@@ -302,7 +302,7 @@ fn dtu() -> Option<(Vec<Camera>, Vec<Mask>, DMat3, DVec3)> {
         })
         .unzip();
     let (scale, center) = matrix("scale_mat_0");
-    Some((cameras, masks, scale, center))
+    (cameras, masks, scale, center)
 }
 
 /// Finds the object without a warning, and checks that its hull explains all but `unexplained` of each mask.
@@ -316,28 +316,41 @@ fn find(cameras: &[Camera], masks: &[Mask], unexplained: f64) -> Normalisation {
     found
 }
 
-#[test]
+#[test_with(scene("dino_sparse_ring"), scene("temple_sparse_ring"))]
 fn the_dinosaur_and_the_temple_are_found() {
-    let Some((cameras, masks)) = middlebury("scenes/dino_sparse_ring", "dinoSR_par.txt") else { return };
+    let (cameras, masks) = middlebury("dino_sparse_ring", "dinoSR_par.txt");
     let found = find(&cameras, &masks, 0.01);
     // The README's tight box; no camera of the ring looks at the feet from below, so the hull may reach further down.
     let truth =
         Bounds { min: DVec3::new(-0.061897, -0.018874, -0.057845), max: DVec3::new(0.010897, 0.068227, 0.015495) };
     check_box(&found, truth, 0.1);
-    let Some((cameras, masks)) = middlebury("scenes/temple_sparse_ring", "templeSR_par.txt") else { return };
+    let (cameras, masks) = middlebury("temple_sparse_ring", "templeSR_par.txt");
     let found = find(&cameras, &masks, 0.03);
     let truth =
         Bounds { min: DVec3::new(-0.073568, 0.021728, -0.012445), max: DVec3::new(0.028855, 0.181892, 0.062736) };
     check_box(&found, truth, 0.08);
 }
 
-#[test]
+#[test_with(scene("dtu_scan65"))]
 fn the_skull_is_found_where_others_found_it() {
-    let Some((cameras, masks, scale, center)) = dtu() else { return };
+    let (cameras, masks, scale, center) = dtu();
     let found = find(&cameras, &masks, 0.01);
     // NeuS trains within a sphere that its authors chose by hand around the object.
     let radius = scale.x_axis.x;
     assert!((found.bounds.center() - center).length() < 0.25 * radius);
     assert!((found.bounds.center() - center).abs().max_element() + 0.5 * found.bounds.size().max_element() < radius);
     assert!((0.75..1.0).contains(&(0.5 * found.object_to_world.scale / radius)));
+}
+
+#[test]
+fn what_sticks_out_of_a_known_region_is_cut_off() {
+    let found =
+        || Normalisation::of_bounds(Bounds { min: DVec3::new(-1.0, 0.0, 0.0), max: DVec3::new(3.0, 1.0, 1.0) }, vec![]);
+    let within = |region: Bounds| found().within(&region);
+    let cut = within(Bounds::cube(DVec3::ZERO, 1.0));
+    assert_eq!(cut.bounds, Bounds { min: DVec3::new(-1.0, 0.0, 0.0), max: DVec3::ONE });
+    assert!((cut.object_to_world.scale - 2.0 / 0.9).abs() < 1e-12);
+    assert_eq!(cut.object_to_world.translation, DVec3::new(0.0, 0.5, 0.5));
+    assert_eq!(within(Bounds::cube(DVec3::ZERO, 9.0)), found(), "a larger region cuts nothing");
+    assert_eq!(within(Bounds::cube(DVec3::splat(50.0), 1.0)), found(), "a region elsewhere is no help");
 }

@@ -7,7 +7,8 @@ use super::carve::Carver;
 use super::settings::HullSettings;
 use super::silhouette::Silhouette;
 use crate::camera::Camera;
-use crate::error::{Error, Result};
+use crate::error::Result;
+use crate::number_range::OutOfRange;
 use crate::raster::Mask;
 
 /// An occupancy grid of what no mask rules out.
@@ -20,6 +21,9 @@ pub struct VisualHull {
 }
 
 impl VisualHull {
+    /// Most voxels per edge: an eighth of a gigabyte.
+    pub const MAX_RESOLUTION: usize = 512;
+
     /// Carves `resolution`^3 voxels of `bounds` by the masks. Cameras and bounds share one space, of any units.
     ///
     /// A view knows nothing of what lies out of its frame or behind its camera, so it rules out nothing there: an
@@ -44,12 +48,14 @@ impl VisualHull {
         settings: &HullSettings,
     ) -> Result<Self> {
         let size = bounds.size();
-        if resolution == 0 || !bounds.min.is_finite() || !size.is_finite() || size.min_element() <= 0.0 {
-            return Err(Error::OutOfRange {
-                name: "the grid of a visual hull",
-                value: format!("{resolution} voxels between {} and {}", bounds.min, bounds.max),
-                expected: "at least one voxel of a box with a positive finite size",
-            });
+        if !(1..=Self::MAX_RESOLUTION).contains(&resolution)
+            || !bounds.min.is_finite()
+            || !size.is_finite()
+            || size.min_element() <= 0.0
+        {
+            let value = format!("{resolution} voxels per edge between {} and {}", bounds.min, bounds.max);
+            let range = format!("1 to {} voxels per edge of a box with a positive finite size", Self::MAX_RESOLUTION);
+            return Err(OutOfRange::new("the grid of a visual hull", value, range).into());
         }
         let mut hull = Self { bounds, resolution, occupied: vec![false; resolution.pow(3)] };
         let carver = Carver { silhouettes, settings, bounds, resolution };

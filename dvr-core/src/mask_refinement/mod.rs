@@ -15,6 +15,7 @@ use rayon::prelude::*;
 
 pub use report::{MaskReport, RefinedView};
 
+use crate::cancellation::Cancellation;
 use crate::error::Result;
 use crate::paged_images::PagedImages;
 use crate::pixels::stored;
@@ -45,9 +46,11 @@ struct Mistakes {
 /// single views the object's edges may look like the background.
 ///
 /// # Errors
-/// [`Error::Scratch`](crate::Error::Scratch) where the temporary folder has no room for the scratch file.
-pub fn refine_masks(scene: &mut Scene) -> Result<MaskReport> {
-    let mistakes: Vec<Option<Mistakes>> = scene.views.par_iter().map(mistakes_of_view).collect();
+/// [`Error::Scratch`](crate::Error::Scratch) where the temporary folder has no room for the scratch file,
+/// [`Error::Cancelled`](crate::Error::Cancelled) where somebody wanted it to end; the scene is then as it was.
+pub fn refine_masks(scene: &mut Scene, cancellation: &Cancellation) -> Result<MaskReport> {
+    let of_view = |view| cancellation.check().map(|()| mistakes_of_view(view));
+    let mistakes: Vec<Option<Mistakes>> = scene.views.par_iter().map(of_view).collect::<std::result::Result<_, _>>()?;
     let looked_at = mistakes.iter().flatten().count();
     let with_rims = mistakes.iter().flatten().filter(|mistakes| !mistakes.rim.is_empty()).count();
     let takes_rims = rims::are_common(with_rims, looked_at);

@@ -112,7 +112,7 @@ fn rims_are_taken_away_where_half_of_the_masks_have_one() {
     for (wide_ones, all, is_taken) in [(1, 3, false), (2, 3, true), (0, 3, false)] {
         let views = (0..all).map(|i| if i < wide_ones { wide(2, WHITE) } else { wide(0, WHITE) });
         let mut scene = scene(views.collect());
-        let report = refine_masks(&mut scene).unwrap();
+        let report = refine_masks(&mut scene, &Cancellation::default()).unwrap();
         let refined = if is_taken { wide_ones } else { 0 };
         assert_eq!((report.looked_at, report.refined.len(), report.notes().len()), (all, refined, refined.min(1)));
         assert_eq!(scene.views.iter().filter(|view| view.refined_mask.is_some()).count(), refined);
@@ -132,13 +132,13 @@ fn masks_as_given_stay_and_only_files_of_views_for_training_and_validation_are_r
     views[5].mask = None;
     views.iter_mut().enumerate().for_each(|(i, view)| view.name = i.to_string());
     let mut scene = scene(views);
-    let report = refine_masks(&mut scene).unwrap();
+    let report = refine_masks(&mut scene, &Cancellation::default()).unwrap();
     let refined = |name: &str| RefinedView { name: name.into(), given_back: 29, taken_away: 0 };
     assert_eq!(report, MaskReport { looked_at: 2, refined: vec![refined("0"), refined("1")] });
     assert!(report.to_string().starts_with("2 of 2 masks leave out"), "{report}");
     assert!(scene.views[..5].iter().all(|view| view.mask == holed().mask));
     let before = scene.views[0].refined_mask.clone();
-    assert_eq!(refine_masks(&mut scene).unwrap(), report, "again");
+    assert_eq!(refine_masks(&mut scene, &Cancellation::default()).unwrap(), report, "again");
     assert_eq!(scene.views[0].refined_mask, before);
     assert_eq!(scene.require_masks().unwrap_err().to_string().split('.').next(), Some("view `5` has no mask"));
 }

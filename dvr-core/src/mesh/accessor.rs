@@ -3,28 +3,49 @@
 //! The `gltf` crate's own readers panic on accessors of an unexpected type or without elements; files come from
 //! anywhere.
 
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use ::gltf::accessor::{Accessor, DataType};
 use ::gltf::{Document, buffer};
 
+use crate::files::{read_bytes, shortened};
+
 /// The bytes of a document's buffers, and where the document lies.
 pub(super) struct GltfBuffers {
     folder: PathBuf,
-    buffers: Vec<Vec<u8>>,
+    buffers: Vec<Arc<Vec<u8>>>,
 }
 
 impl GltfBuffers {
     /// Loads every buffer: the binary chunk, data URIs, and files beside the document.
     pub fn load(document: &Document, folder: &Path, mut blob: Option<Vec<u8>>) -> Result<Self, String> {
+        // Many buffers may be in one file, which is read once.
+        let mut files: HashMap<String, Arc<Vec<u8>>> = HashMap::new();
         let buffers = document.buffers().map(|buffer| {
             let bytes = match buffer.source() {
-                buffer::Source::Bin => blob.take().ok_or("has no binary chunk".to_owned()),
-                buffer::Source::Uri(uri) => read_uri(folder, uri),
+                buffer::Source::Bin => blob.take().map(Arc::new).ok_or("has no binary chunk".to_owned()),
+                buffer::Source::Uri(uri) => match files.get(uri) {
+                    Some(known) => Ok(known.clone()),
+                    None => read_uri(folder, uri).map(|bytes| {
+                        let bytes = Arc::new(bytes);
+                        files.insert(uri.to_owned(), bytes.clone());
+                        bytes
+                    }),
+                },
             };
             bytes.map_err(|problem| format!("buffer {} {problem}", buffer.index()))
         });
         Ok(Self { folder: folder.to_owned(), buffers: buffers.collect::<Result<_, _>>()? })
+    }
+
+    /// Bytes of all buffers; those that are in one file count once.
+    pub fn length(&self) -> usize {
+        let mut files: Vec<(*const Vec<u8>, usize)> = self.buffers.iter().map(|b| (Arc::as_ptr(b), b.len())).collect();
+        files.sort_unstable();
+        files.dedup();
+        files.into_iter().map(|(_, length)| length).sum()
     }
 
     /// The folder that relative URIs start from.
@@ -34,7 +55,7 @@ impl GltfBuffers {
 
     /// The bytes of a buffer view. Like all problems here, one is reported without its subject.
     pub fn view(&self, view: &buffer::View) -> Result<&[u8], String> {
-        let bytes = self.buffers.get(view.buffer().index()).map_or(&[][..], Vec::as_slice);
+        let bytes = self.buffers.get(view.buffer().index()).map_or(&[][..], |bytes| bytes.as_slice());
         view.offset().checked_add(view.length()).and_then(|end| bytes.get(view.offset()..end)).ok_or(format!(
             "a view of {} bytes is larger than its buffer of {}",
             view.length(),
@@ -50,13 +71,13 @@ pub(super) fn read_uri(folder: &Path, uri: &str) -> Result<Vec<u8>, String> {
         return data.map(|d| d.0).map_err(|e| format!("is a data URI that cannot be decoded: {e}"));
     }
     let name = percent_decoded(uri);
-    let path =
-        super::texture_file::find_reference(folder, &name).ok_or(format!("is in `{name}`, which is not there"))?;
-    std::fs::read(&path).map_err(|e| format!("is in `{name}`, which cannot be read: {e}"))
+    let missing = || format!("is in `{}`, which is not there", shortened(&name));
+    let path = super::texture_file::find_reference(folder, &name).ok_or_else(missing)?;
+    read_bytes(&path).map_err(|e| format!("cannot be read: {e}"))
 }
 
 /// `%20` and its like; what is not a proper escape stays as it is.
-fn percent_decoded(uri: &str) -> String {
+pub(super) fn percent_decoded(uri: &str) -> String {
     let mut bytes = Vec::with_capacity(uri.len());
     let mut rest = uri.as_bytes();
     while let [first, tail @ ..] = rest {
@@ -105,6 +126,9 @@ fn elements<T>(accessor: &Accessor, buffers: &GltfBuffers, decode: impl Fn(&[u8]
     let bytes = buffers.view(&view).map_err(|problem| format!("accessor {name} {problem}"))?;
     let (size, count) = (accessor.size(), accessor.count());
     let stride = view.stride().unwrap_or(size);
+    if stride < size {
+        return Err(format!("accessor {name} has elements of {size} bytes every {stride} bytes"));
+    }
     let end = count
         .checked_sub(1)
         .and_then(|last| last.checked_mul(stride)?.checked_add(size)?.checked_add(accessor.offset()))

@@ -11,6 +11,8 @@ use super::accessor::{self, GltfBuffers};
 use super::gltf_material::{UvTransform, read_materials, uv_transform};
 use super::textured_mesh::TexturedMesh;
 use crate::error::Error;
+use crate::files::check_limit;
+use crate::files::limits::SHARED_ELEMENTS;
 use crate::srgb::linear_to_srgb;
 
 /// Extensions whose absence would change the shape, and what to say about them.
@@ -41,21 +43,52 @@ pub(super) fn read(path: &Path, bytes: &[u8], warnings: &mut Vec<String>) -> cra
         buffers: &buffers,
         textured: TexturedMesh { materials: read_materials(&document, &buffers, warnings), ..TexturedMesh::default() },
     };
-    let scene = document.default_scene().or_else(|| document.scenes().next());
-    let roots: Vec<Node> = scene.map_or_else(Vec::new, |s| s.nodes().collect());
-    // A tree has no more nodes than the document, so more visits mean a circle.
-    let mut visits = document.nodes().count();
-    let mut stack: Vec<(Node, Mat4)> = roots.into_iter().rev().map(|node| (node, Mat4::IDENTITY)).collect();
-    while let Some((node, parent)) = stack.pop() {
-        visits =
-            visits.checked_sub(1).ok_or_else(|| fail("a node is its own descendant, or has two parents".into()))?;
-        let to_scene = parent * Mat4::from_cols_array_2d(&node.transform().matrix());
-        for primitive in node.mesh().into_iter().flat_map(|mesh| mesh.primitives()) {
+    let placed = placed_meshes(&document).map_err(fail)?;
+    // Nodes may share meshes: what they make together is counted before any of it is made.
+    let sizes: Vec<[u64; 3]> = document.meshes().map(|mesh| size_of(&mesh)).collect();
+    let limit = SHARED_ELEMENTS.max(buffers.length() as u64);
+    let names = ["the number of primitives", "the number of vertices", "the number of triangles"];
+    for (i, name) in names.into_iter().enumerate() {
+        let count = placed.iter().fold(0u64, |sum, (mesh, _)| sum.saturating_add(sizes[mesh.index()][i]));
+        check_limit(path, name, count, limit)?;
+    }
+    for (mesh, to_scene) in placed {
+        for primitive in mesh.primitives() {
             reader.primitive(&primitive, to_scene).map_err(fail)?;
         }
-        stack.extend(node.children().map(|child| (child, to_scene)));
     }
     Ok(reader.textured)
+}
+
+/// The meshes of the default scene, as often as nodes have them, each with its way to the scene.
+fn placed_meshes(document: &Document) -> Result<Vec<(::gltf::Mesh<'_>, Mat4)>, String> {
+    let scene = document.default_scene().or_else(|| document.scenes().next());
+    let roots: Vec<Node> = scene.map_or_else(Vec::new, |s| s.nodes().collect());
+    // A tree has no more nodes than the document, so more mean a circle.
+    let mut left = document.nodes().count();
+    let mut take = |nodes: usize| {
+        left.checked_sub(nodes).map(|rest| left = rest).ok_or("a node is its own descendant, or has two parents")
+    };
+    take(roots.len())?;
+    let mut stack: Vec<(Node, Mat4)> = roots.into_iter().rev().map(|node| (node, Mat4::IDENTITY)).collect();
+    let mut placed = Vec::new();
+    while let Some((node, parent)) = stack.pop() {
+        take(node.children().len())?;
+        let to_scene = parent * Mat4::from_cols_array_2d(&node.transform().matrix());
+        placed.extend(node.mesh().map(|mesh| (mesh, to_scene)));
+        stack.extend(node.children().map(|child| (child, to_scene)));
+    }
+    Ok(placed)
+}
+
+/// Primitives, vertices and triangles of a mesh, as its accessors state them.
+fn size_of(mesh: &::gltf::Mesh) -> [u64; 3] {
+    mesh.primitives().fold([0; 3], |[primitives, vertices, triangles], primitive| {
+        let of_vertices = primitive.get(&Semantic::Positions).map_or(0, |accessor| accessor.count() as u64);
+        let corners = primitive.indices().map_or(of_vertices, |accessor| accessor.count() as u64);
+        let of_triangles = if primitive.mode() == Mode::Triangles { corners / 3 } else { corners };
+        [primitives + 1, vertices.saturating_add(of_vertices), triangles.saturating_add(of_triangles)]
+    })
 }
 
 /// The document, checked by the `gltf` crate. Required extensions that only change the looks are reported and passed over.
@@ -74,8 +107,19 @@ fn validated(path: &Path, document: Document, warnings: &mut Vec<String>) -> cra
             return Err(Error::format(path, problem, "Export the model without this extension."));
         }
     }
+    check_accessors(&root).map_err(|problem| Error::format(path, problem, "Export the model again, as glTF 2.0."))?;
     Document::from_json(root)
         .map_err(|e| Error::format(path, format!("not valid glTF: {e}"), "Export the model again, as glTF 2.0."))
+}
+
+/// Refuses primitives whose accessors are not there: the `gltf` crate looks them up while it checks the document.
+fn check_accessors(root: &::gltf::json::Root) -> Result<(), String> {
+    let primitives = root.meshes.iter().flat_map(|mesh| &mesh.primitives);
+    let mut used = primitives.flat_map(|primitive| primitive.attributes.values());
+    match used.find(|index| index.value() >= root.accessors.len()) {
+        Some(missing) => Err(format!("accessor {} is used, and there are {}", missing.value(), root.accessors.len())),
+        None => Ok(()),
+    }
 }
 
 struct GltfReader<'a> {

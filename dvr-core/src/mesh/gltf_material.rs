@@ -6,14 +6,14 @@ use std::sync::Arc;
 use ::gltf::Document;
 use glam::Vec2;
 
-use super::accessor::{GltfBuffers, read_uri};
-use super::texture_file::decode_texture;
+use super::accessor::{GltfBuffers, percent_decoded, read_uri};
+use super::texture_file::Textures;
 use super::textured_mesh::Material;
 use crate::srgb::linear_to_srgb;
 
 /// The document's materials in order, and white, the specification's default material, as the last one.
 pub(super) fn read_materials(document: &Document, buffers: &GltfBuffers, warnings: &mut Vec<String>) -> Vec<Material> {
-    let mut images = HashMap::new();
+    let (mut images, mut textures) = (HashMap::new(), Textures::default());
     let mut materials: Vec<Material> = document
         .materials()
         .map(|material| {
@@ -22,7 +22,10 @@ pub(super) fn read_materials(document: &Document, buffers: &GltfBuffers, warning
             let source = pbr.base_color_texture().and_then(|info| info.texture().source());
             let texture = source.and_then(|image| {
                 let index = image.index();
-                images.entry(index).or_insert_with(|| read_image(document, index, buffers, warnings)).clone()
+                images
+                    .entry(index)
+                    .or_insert_with(|| read_image(document, index, buffers, &mut textures, warnings))
+                    .clone()
             });
             Material { base_color: [r, g, b].map(|c| linear_to_srgb(c.clamp(0.0, 1.0))), texture }
         })
@@ -35,14 +38,14 @@ fn read_image(
     document: &Document,
     index: usize,
     buffers: &GltfBuffers,
+    textures: &mut Textures,
     warnings: &mut Vec<String>,
 ) -> Option<Arc<image::RgbaImage>> {
     let json = document.as_json().images.get(index)?;
-    let name = match &json.uri {
-        Some(uri) if !uri.starts_with("data:") => uri.clone(),
-        _ => format!("{index}"),
-    };
     let bytes = match (&json.uri, json.buffer_view) {
+        (Some(uri), _) if !uri.starts_with("data:") => {
+            return textures.read(buffers.folder(), &percent_decoded(uri), warnings);
+        }
         (Some(uri), _) => read_uri(buffers.folder(), uri),
         (None, Some(view)) => match document.views().nth(view.value()) {
             Some(view) => buffers.view(&view).map(<[u8]>::to_vec),
@@ -50,7 +53,7 @@ fn read_image(
         },
         (None, None) => Err("has no data".to_owned()),
     };
-    decode_texture(&name, bytes, warnings)
+    textures.decode(&format!("{index}"), bytes, warnings)
 }
 
 /// How a material's texture coordinates are changed (`KHR_texture_transform`), and which set they are taken from.

@@ -6,7 +6,7 @@ use super::textured_mesh::TexturedMesh;
 use super::triangle_mesh::Mesh;
 use super::{glb, gltf, obj, off, ply};
 use crate::error::Error;
-use crate::files::write_bytes_atomically;
+use crate::files::{read_bytes, write_bytes_atomically};
 
 /// Reads a mesh: Wavefront OBJ with its MTL and textures, PLY, OFF, glTF or GLB, by the path's extension.
 ///
@@ -16,8 +16,8 @@ use crate::files::write_bytes_atomically;
 /// says so.
 ///
 /// # Errors
-/// When the file cannot be read, its format is not known or not kept, a face names a vertex that is not there, or a
-/// vertex is not finite.
+/// When the file cannot be read, its format is not known or not kept, a face names a vertex that is not there, a
+/// vertex is not finite, or a limit of [`files::limits`](crate::files::limits) is passed.
 pub fn read_mesh(path: impl AsRef<Path>) -> crate::Result<TexturedMesh> {
     read_mesh_with_warnings(path, &mut Vec::new())
 }
@@ -35,7 +35,7 @@ pub fn read_mesh_with_warnings(path: impl AsRef<Path>, warnings: &mut Vec<String
         "glb" | "gltf" => gltf::read,
         other => return Err(unknown_format(path, other, "OBJ, PLY, OFF, GLB or glTF")),
     };
-    let bytes = std::fs::read(path).map_err(|e| Error::io(path, e))?;
+    let bytes = read_bytes(path)?;
     let mesh = read(path, &bytes, warnings)?;
     check(path, &mesh.mesh)?;
     Ok(mesh)

@@ -1,6 +1,7 @@
 //! Triangle meshes: what extraction writes and what the dataset renderer reads.
 
 mod accessor;
+mod base_color;
 mod components;
 mod glb;
 mod gltf;
@@ -9,9 +10,9 @@ mod io;
 mod mtl;
 mod obj;
 mod off;
-
 mod ply;
 mod polygon;
+mod problem;
 pub mod shapes;
 mod simplify;
 mod texture_file;

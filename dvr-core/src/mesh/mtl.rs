@@ -5,7 +5,7 @@ use std::path::Path;
 
 use glam::Vec2;
 
-use super::texture_file::read_texture;
+use super::texture_file::Textures;
 use super::textured_mesh::Material;
 
 /// A material, and how its `map_Kd` options change the texture coordinates: `uv * uv_scale + uv_offset`.
@@ -22,7 +22,12 @@ impl Default for ObjMaterial {
 }
 
 /// The materials of a library with their names, in order. Lines that make no sense are passed over.
-pub(super) fn read(folder: &Path, bytes: &[u8], warnings: &mut Vec<String>) -> Vec<(String, ObjMaterial)> {
+pub(super) fn read(
+    folder: &Path,
+    bytes: &[u8],
+    textures: &mut Textures,
+    warnings: &mut Vec<String>,
+) -> Vec<(String, ObjMaterial)> {
     let mut materials: Vec<(String, ObjMaterial)> = Vec::new();
     for line in String::from_utf8_lossy(bytes).lines() {
         let line = line.trim();
@@ -38,7 +43,7 @@ pub(super) fn read(folder: &Path, bytes: &[u8], warnings: &mut Vec<String>) -> V
                     current.material.base_color = color;
                 }
             }
-            "map_Kd" | "map_kd" => texture(current, folder, rest, warnings),
+            "map_Kd" | "map_kd" => texture(current, folder, rest, textures, warnings),
             _ => {}
         }
     }
@@ -63,7 +68,13 @@ fn base_color(values: &str) -> Option<[f32; 3]> {
 }
 
 /// `[-option values]... file name`, where the file name may hold spaces.
-fn texture(material: &mut ObjMaterial, folder: &Path, statement: &str, warnings: &mut Vec<String>) {
+fn texture(
+    material: &mut ObjMaterial,
+    folder: &Path,
+    statement: &str,
+    textures: &mut Textures,
+    warnings: &mut Vec<String>,
+) {
     let mut rest = statement;
     while let Some(option) = rest.strip_prefix('-').and_then(|r| r.split_whitespace().next()) {
         rest = rest[1 + option.len()..].trim_start();
@@ -83,7 +94,7 @@ fn texture(material: &mut ObjMaterial, folder: &Path, statement: &str, warnings:
         }
     }
     if !rest.is_empty() {
-        material.material.texture = read_texture(folder, rest, warnings);
+        material.material.texture = textures.read(folder, rest, warnings);
     }
 }
 
@@ -102,7 +113,7 @@ mod tests {
         let folder = folder_with_texture("two words.png");
         let mut warnings = Vec::new();
         let text = b"newmtl a\nKd 0.5\nmap_Kd -s 2 3 1 -blendu on -o 0.25 -mm 0 1 two words.png\n";
-        let (name, material) = read(folder.path(), text, &mut warnings).remove(0);
+        let (name, material) = read(folder.path(), text, &mut Textures::default(), &mut warnings).remove(0);
         assert_eq!((name.as_str(), warnings.len()), ("a", 0));
         assert_eq!(material.material.base_color, [0.5; 3]);
         assert_eq!((material.uv_scale, material.uv_offset), (Vec2::new(2.0, 3.0), Vec2::new(0.25, 0.0)));
@@ -115,7 +126,7 @@ mod tests {
         let text = br"newmtl a
             map_Kd C:\Users\someone\textures\wood.PNG";
         let mut warnings = Vec::new();
-        let materials = read(folder.path(), text, &mut warnings);
+        let materials = read(folder.path(), text, &mut Textures::default(), &mut warnings);
         assert!(materials[0].1.material.texture.is_some(), "{warnings:?}");
     }
 
@@ -123,7 +134,8 @@ mod tests {
     fn a_missing_texture_is_told_and_the_colour_stays() {
         let folder = tempfile::tempdir().unwrap();
         let mut warnings = Vec::new();
-        let materials = read(folder.path(), b"newmtl a\nmap_Kd none.png\nKd 0 1 0\n", &mut warnings);
+        let materials =
+            read(folder.path(), b"newmtl a\nmap_Kd none.png\nKd 0 1 0\n", &mut Textures::default(), &mut warnings);
         assert_eq!(materials[0].1.material, Material { base_color: [0.0, 1.0, 0.0], texture: None });
         assert!(warnings[0].contains("none.png"));
     }
@@ -131,14 +143,15 @@ mod tests {
     #[test]
     fn a_black_colour_does_not_hide_the_texture() {
         let folder = folder_with_texture("t.png");
-        let materials = read(folder.path(), b"newmtl a\nKd 0 0 0\nmap_Kd t.png\n", &mut Vec::new());
+        let materials =
+            read(folder.path(), b"newmtl a\nKd 0 0 0\nmap_Kd t.png\n", &mut Textures::default(), &mut Vec::new());
         assert_eq!(materials[0].1.material.base_color, [1.0; 3]);
     }
 
     #[test]
     fn nonsense_is_passed_over() {
         let text = b"Kd 1 1 1\nnewmtl a\nKd spectral red.rfl\nmap_Kd -s\nmap_Kd\n\xff\xfe\n";
-        let materials = read(Path::new("."), text, &mut Vec::new());
+        let materials = read(Path::new("."), text, &mut Textures::default(), &mut Vec::new());
         assert_eq!(materials[0].1.material, Material::default());
     }
 }

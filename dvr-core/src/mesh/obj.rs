@@ -12,10 +12,11 @@ use glam::{Vec2, Vec3};
 
 use super::mtl::{self, ObjMaterial};
 use super::polygon::triangulate;
-use super::texture_file::find_reference;
+use super::problem::Problem;
+use super::texture_file::{Textures, find_reference};
 use super::textured_mesh::{Material, TexturedMesh};
 use super::triangle_mesh::Mesh;
-use crate::error::Error;
+use crate::files::{read_bytes, shortened};
 
 /// One corner of a face: position, texture coordinate and normal, counted from 0.
 type Corner = (usize, Option<usize>, Option<usize>);
@@ -35,9 +36,8 @@ pub(super) fn read(path: &Path, bytes: &[u8], warnings: &mut Vec<String>) -> cra
             continue;
         }
         logical.push_str(line);
-        reader.statement(&logical, warnings).map_err(|problem| {
-            Error::format(path, format!("line {}: {problem}", number + 1), "Export the mesh again.")
-        })?;
+        let place = |problem: Problem| problem.at(path, &format!("line {}: ", number + 1), "Export the mesh again.");
+        reader.statement(&logical, warnings).map_err(place)?;
         logical.clear();
     }
     Ok(reader.finish())
@@ -57,10 +57,11 @@ struct ObjReader {
     materials: Vec<ObjMaterial>,
     material_names: HashMap<String, u32>,
     current_material: u32,
+    textures: Textures,
 }
 
 impl ObjReader {
-    fn statement(&mut self, line: &str, warnings: &mut Vec<String>) -> Result<(), String> {
+    fn statement(&mut self, line: &str, warnings: &mut Vec<String>) -> Result<(), Problem> {
         let line = line.split('#').next().unwrap_or_default().trim();
         let mut words = line.split_whitespace();
         let keyword = words.next().unwrap_or_default();
@@ -76,7 +77,7 @@ impl ObjReader {
             "mtllib" => self.library(rest, warnings),
             "usemtl" => {
                 self.current_material = *self.material_names.entry(rest.to_owned()).or_insert_with(|| {
-                    warnings.push(format!("material {rest} is not defined: its faces are grey"));
+                    warnings.push(format!("material {} is not defined: its faces are grey", shortened(rest)));
                     0
                 });
             }
@@ -86,8 +87,7 @@ impl ObjReader {
     }
 
     fn vertex(&mut self, words: SplitWhitespace) -> Result<(), String> {
-        let values: Vec<f32> =
-            words.map(|w| w.parse().map_err(|_| format!("`{w}` is not a number"))).collect::<Result<_, _>>()?;
+        let values: Vec<f32> = words.map(|w| w.parse().map_err(|_| not_a_number(w))).collect::<Result<_, _>>()?;
         if values.len() < 3 {
             return Err(format!("a vertex has {} coordinates instead of 3", values.len()));
         }
@@ -107,10 +107,10 @@ impl ObjReader {
         Ok(())
     }
 
-    fn face(&mut self, words: SplitWhitespace) -> Result<(), String> {
+    fn face(&mut self, words: SplitWhitespace) -> Result<(), Problem> {
         let corners: Vec<Corner> = words.map(|w| self.corner(w)).collect::<Result<_, _>>()?;
         let outline: Vec<Vec3> = corners.iter().map(|c| self.positions[c.0]).collect();
-        for triangle in triangulate(&outline) {
+        for triangle in triangulate(&outline)? {
             self.triangles.push(triangle.map(|i| corners[i]));
             self.face_materials.push(self.current_material);
         }
@@ -123,8 +123,9 @@ impl ObjReader {
         let mut index = |count: usize, what: &str| match parts.next() {
             None | Some("") => Ok(None),
             Some(part) => {
-                let value: i64 = part.parse().map_err(|_| format!("`{word}` is not a corner of a face"))?;
-                let zero_based = if value < 0 { count as i64 + value } else { value - 1 };
+                let value: i64 =
+                    part.parse().map_err(|_| format!("`{}` is not a corner of a face", shortened(word)))?;
+                let zero_based = if value < 0 { (count as i64).saturating_add(value) } else { value - 1 };
                 usize::try_from(zero_based)
                     .ok()
                     .filter(|&i| i < count)
@@ -132,7 +133,8 @@ impl ObjReader {
                     .ok_or_else(|| format!("a face names {what} {value}, but there are {count} so far"))
             }
         };
-        let position = index(self.positions.len(), "vertex")?.ok_or_else(|| format!("`{word}` names no vertex"))?;
+        let position =
+            index(self.positions.len(), "vertex")?.ok_or_else(|| format!("`{}` names no vertex", shortened(word)))?;
         Ok((position, index(self.uvs.len(), "texture coordinate")?, index(self.normals.len(), "normal")?))
     }
 
@@ -143,12 +145,12 @@ impl ObjReader {
             None => names.split_whitespace().filter_map(|name| find_reference(&self.folder, name)).collect(),
         };
         if paths.is_empty() {
-            warnings.push(format!("material library {names} is not there: faces are grey"));
+            warnings.push(format!("material library {} is not there: faces are grey", shortened(names)));
         }
         for path in paths {
-            match std::fs::read(&path) {
+            match read_bytes(&path) {
                 Ok(bytes) => {
-                    for (name, material) in mtl::read(&self.folder, &bytes, warnings) {
+                    for (name, material) in mtl::read(&self.folder, &bytes, &mut self.textures, warnings) {
                         if self.materials.is_empty() {
                             self.materials.push(ObjMaterial::default());
                         }
@@ -156,7 +158,7 @@ impl ObjReader {
                         self.materials.push(material);
                     }
                 }
-                Err(problem) => warnings.push(format!("{}: {problem}: faces are grey", path.display())),
+                Err(problem) => warnings.push(format!("{problem}: faces are grey")),
             }
         }
     }
@@ -238,12 +240,16 @@ fn numbers<const N: usize>(words: &mut SplitWhitespace, what: &str, required: us
     let mut values = [0.0; N];
     for (i, value) in values.iter_mut().enumerate() {
         *value = match words.next() {
-            Some(word) => word.parse().map_err(|_| format!("`{word}` is not a number"))?,
+            Some(word) => word.parse().map_err(|_| not_a_number(word))?,
             None if i >= required => 0.0,
             None => return Err(format!("{what} has {i} values instead of {N}")),
         };
     }
     Ok(values)
+}
+
+fn not_a_number(word: &str) -> String {
+    format!("`{}` is not a number", shortened(word))
 }
 
 /// The mesh as OBJ text; normals belong to the vertices, so each index serves both.

@@ -7,33 +7,36 @@ use std::path::Path;
 use glam::Vec3;
 
 use super::polygon::triangulate;
+use super::problem::Problem;
 use super::textured_mesh::{Material, TexturedMesh};
 use super::triangle_mesh::Mesh;
-use crate::error::Error;
+use crate::files::shortened;
 
 /// Reads positions, faces, and per-vertex normals and colours. Colours of faces are left out.
 pub(super) fn read(path: &Path, bytes: &[u8], _warnings: &mut Vec<String>) -> crate::Result<TexturedMesh> {
     let text = String::from_utf8_lossy(bytes);
-    parse(&text).map_err(|problem| Error::format(path, problem, "Export the mesh again, as ASCII OFF, PLY or OBJ."))
+    parse(&text).map_err(|problem| problem.at(path, "", "Export the mesh again, as ASCII OFF, PLY or OBJ."))
 }
 
-fn parse(text: &str) -> Result<TexturedMesh, String> {
+fn parse(text: &str) -> Result<TexturedMesh, Problem> {
     let mut lines = text.lines().map(|l| l.split('#').next().unwrap_or_default().trim()).filter(|l| !l.is_empty());
-    let first = lines.next().ok_or("the file is empty")?;
+    let first = lines.next().ok_or("the file is empty".to_owned())?;
     // "OFF", and in some collections the counts right behind it.
-    let (letters, joined) = first.split_at(first.find("OFF").ok_or(format!("`{first}` is not an OFF header"))? + 3);
+    let (letters, joined) =
+        first.split_at(first.find("OFF").ok_or_else(|| format!("`{}` is not an OFF header", shortened(first)))? + 3);
     if letters.contains('4') || letters.contains('n') || joined.contains("BINARY") {
-        return Err(format!("`{first}` is a variant of OFF that is not read"));
+        return Err(format!("`{}` is a variant of OFF that is not read", shortened(first)).into());
     }
-    let counts = if joined.trim().is_empty() { lines.next().ok_or("the counts are missing")? } else { joined.trim() };
+    let counts =
+        if joined.trim().is_empty() { lines.next().ok_or("the counts are missing".to_owned())? } else { joined.trim() };
     let counts = integers(counts)?;
     let [vertex_count, face_count, ..] = counts[..] else {
-        return Err("the counts are missing".to_owned());
+        return Err("the counts are missing".to_owned().into());
     };
     let (has_normals, has_colors) = (letters.contains('N'), letters.starts_with('C') || letters.starts_with("STC"));
     let mut mesh = Mesh { normals: has_normals.then(Vec::new), colors: has_colors.then(Vec::new), ..Mesh::default() };
     for index in 0..vertex_count {
-        let line = lines.next().ok_or(format!("only {index} of {vertex_count} vertices are there"))?;
+        let line = lines.next().ok_or_else(|| format!("only {index} of {vertex_count} vertices are there"))?;
         vertex(&mut mesh, line)?;
     }
     if let Some(colors) = &mut mesh.colors
@@ -43,7 +46,7 @@ fn parse(text: &str) -> Result<TexturedMesh, String> {
         colors.iter_mut().flatten().for_each(|c| *c /= 255.0);
     }
     for index in 0..face_count {
-        let line = lines.next().ok_or(format!("only {index} of {face_count} faces are there"))?;
+        let line = lines.next().ok_or_else(|| format!("only {index} of {face_count} faces are there"))?;
         face(&mut mesh, line)?;
     }
     let materials = if has_colors { vec![Material::white()] } else { Vec::new() };
@@ -54,10 +57,10 @@ fn parse(text: &str) -> Result<TexturedMesh, String> {
 fn vertex(mesh: &mut Mesh, line: &str) -> Result<(), String> {
     let values: Vec<f32> = line
         .split_whitespace()
-        .map(|w| w.parse().map_err(|_| format!("`{w}` in `{line}` is not a number")))
+        .map(|w| w.parse().map_err(|_| format!("`{}` in `{}` is not a number", shortened(w), shortened(line))))
         .collect::<Result<_, _>>()?;
     let mut triples = values.chunks_exact(3).map(|c| [c[0], c[1], c[2]]);
-    let mut next = || triples.next().ok_or(format!("`{line}` has too few numbers for a vertex"));
+    let mut next = || triples.next().ok_or_else(|| format!("`{}` has too few numbers for a vertex", shortened(line)));
     mesh.vertices.push(Vec3::from(next()?));
     if let Some(normals) = &mut mesh.normals {
         normals.push(Vec3::from(next()?).normalize_or_zero());
@@ -69,23 +72,26 @@ fn vertex(mesh: &mut Mesh, line: &str) -> Result<(), String> {
 }
 
 /// `n i1 ... in [colour]`.
-fn face(mesh: &mut Mesh, line: &str) -> Result<(), String> {
+fn face(mesh: &mut Mesh, line: &str) -> Result<(), Problem> {
     let mut words = line.split_whitespace();
-    let count: usize = words.next().and_then(|w| w.parse().ok()).ok_or(format!("`{line}` is not a face"))?;
+    let count: usize =
+        words.next().and_then(|w| w.parse().ok()).ok_or_else(|| format!("`{}` is not a face", shortened(line)))?;
     let corners = integers(&words.take(count).collect::<Vec<_>>().join(" "))?;
     if corners.len() != count {
-        return Err(format!("`{line}` names {} corners instead of {count}", corners.len()));
+        return Err(format!("`{}` names {} corners instead of {count}", shortened(line), corners.len()).into());
     }
     if let Some(missing) = corners.iter().find(|&&i| i >= mesh.vertices.len()) {
-        return Err(format!("a face names vertex {missing}, but there are only {}", mesh.vertices.len()));
+        return Err(format!("a face names vertex {missing}, but there are only {}", mesh.vertices.len()).into());
     }
     let outline: Vec<Vec3> = corners.iter().map(|&i| mesh.vertices[i]).collect();
-    mesh.faces.extend(triangulate(&outline).iter().map(|t| t.map(|i| corners[i] as u32)));
+    mesh.faces.extend(triangulate(&outline)?.iter().map(|t| t.map(|i| corners[i] as u32)));
     Ok(())
 }
 
 fn integers(line: &str) -> Result<Vec<usize>, String> {
-    line.split_whitespace().map(|w| w.parse().map_err(|_| format!("`{w}` in `{line}` is not a whole number"))).collect()
+    line.split_whitespace()
+        .map(|w| w.parse().map_err(|_| format!("`{}` in `{}` is not a whole number", shortened(w), shortened(line))))
+        .collect()
 }
 
 #[cfg(test)]

@@ -3,21 +3,25 @@
 use std::path::Path;
 
 use glam::Vec3;
-use ply_rs_bw::parser::Parser;
-use ply_rs_bw::ply::{Property, PropertyAccess, PropertyAccessResult};
+use ply_rs_bw::parser::{ParseError, Parser};
+use ply_rs_bw::ply::{Encoding, Header, Property, PropertyAccess, PropertyAccessResult, PropertyType, ScalarType};
 
 use super::polygon::triangulate;
+use super::problem::Problem;
 use super::textured_mesh::{Material, TexturedMesh};
 use super::triangle_mesh::Mesh;
 use crate::error::{Error, Result};
+use crate::files::shortened;
 use crate::observation::Observation;
 
 /// Reads ASCII and binary files: positions, normals, colours (whole numbers or fractions), observations and polygons.
 pub(super) fn read(path: &Path, bytes: &[u8], _warnings: &mut Vec<String>) -> Result<TexturedMesh> {
-    let fail =
-        |problem: String| Error::format(path, problem, "Export the mesh again, as PLY with triangles or polygons.");
-    let ply =
-        Parser::<Element>::new().read_ply(&mut &bytes[..]).map_err(|e| fail(format!("not a sound PLY file: {e}")))?;
+    const REMEDY: &str = "Export the mesh again, as PLY with triangles or polygons.";
+    let fail = |problem: String| Error::format(path, problem, REMEDY);
+    let unsound = |e: ParseError| fail(format!("not a sound PLY file: {}", shortened(&e.to_string())));
+    let header = Parser::<Element>::new().read_ply_header(&mut &bytes[..]).map_err(unsound)?;
+    check_counts(&header, bytes.len()).map_err(fail)?;
+    let ply = Parser::<Element>::new().read_ply(&mut &bytes[..]).map_err(unsound)?;
     let vertex_header = ply.header.elements.get("vertex").ok_or_else(|| fail("there are no vertices".to_owned()))?;
     let has = |names: [&str; 3]| names.iter().all(|n| vertex_header.properties.contains_key(*n));
     if !has(["x", "y", "z"]) {
@@ -40,10 +44,36 @@ pub(super) fn read(path: &Path, bytes: &[u8], _warnings: &mut Vec<String>) -> Re
             return Err(fail(format!("a face names vertex {missing}, but there are only {}", vertices.len())));
         }
         let outline: Vec<Vec3> = corners.iter().map(|&i| mesh.vertices[i as usize]).collect();
-        mesh.faces.extend(triangulate(&outline).iter().map(|t| t.map(|i| corners[i])));
+        let triangles = triangulate(&outline).map_err(|problem: Problem| problem.at(path, "", REMEDY))?;
+        mesh.faces.extend(triangles.iter().map(|t| t.map(|i| corners[i])));
     }
     let materials = if has_colors { vec![Material::white()] } else { Vec::new() };
     Ok(TexturedMesh { mesh, materials, ..TexturedMesh::default() })
+}
+
+/// Refuses counts of elements that the file has no room for: the parser makes elements without properties of nothing.
+fn check_counts(header: &Header, length: usize) -> std::result::Result<(), String> {
+    let scalar = |kind: &ScalarType| match kind {
+        ScalarType::Char | ScalarType::UChar => 1,
+        ScalarType::Short | ScalarType::UShort => 2,
+        ScalarType::Int | ScalarType::UInt | ScalarType::Float => 4,
+        ScalarType::Double => 8,
+    };
+    let mut left = length;
+    for element in header.elements.values() {
+        let binary = element.properties.values().map(|property| match &property.data_type {
+            PropertyType::Scalar(kind) => scalar(kind),
+            PropertyType::List(count, _) => scalar(count),
+        });
+        // A line of text at least, or the numbers without what lists hold.
+        let size = if header.encoding == Encoding::Ascii { 1 } else { binary.sum::<usize>().max(1) };
+        let needed = element.count.checked_mul(size).filter(|&needed| needed <= left);
+        left -= needed.ok_or_else(|| {
+            let (count, name) = (element.count, shortened(&element.name));
+            format!("{count} elements `{name}` of at least {size} bytes cannot be in a file of {length} bytes")
+        })?;
+    }
+    Ok(())
 }
 
 /// What programs call the channels of a vertex's colour.
@@ -184,5 +214,16 @@ mod tests {
         assert!(parse(format!("{HEADER}{face}3 0 1 2\n").as_bytes()).is_ok());
         assert!(parse(b"ply\nformat ascii 1.0\nelement vertex 0\nproperty float x\nend_header\n").is_err());
         assert!(parse(b"not a ply").is_err());
+    }
+
+    #[test]
+    fn elements_that_the_file_has_no_room_for_are_refused() {
+        for kind in ["ascii", "binary_little_endian"] {
+            for element in ["element nothing 18446744073709551615\n", "element vertex 999999999999\nproperty float x\n"]
+            {
+                let error = parse(format!("ply\nformat {kind} 1.0\n{element}end_header\n").as_bytes()).unwrap_err();
+                assert!(error.to_string().contains("cannot be in a file"), "{error}");
+            }
+        }
     }
 }

@@ -1,7 +1,12 @@
 //! Files that a model refers to: where they are, and textures out of them.
 
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+
+use crate::error::Error;
+use crate::files::limits::TEXTURE_BYTES;
+use crate::files::{decoded_picture, read_bytes, shortened};
 
 /// The file that `name`, found in a file of `folder`, most likely means.
 ///
@@ -32,26 +37,62 @@ pub(super) fn warn_once(warnings: &mut Vec<String>, warning: String) {
     }
 }
 
-/// A texture out of the bytes of its file; where there is none, a warning says why.
-pub(super) fn decode_texture(
-    name: &str,
-    bytes: Result<Vec<u8>, String>,
-    warnings: &mut Vec<String>,
-) -> Option<Arc<image::RgbaImage>> {
-    let texture =
-        bytes.and_then(|bytes| image::load_from_memory(&bytes).map_err(|e| format!("cannot be decoded: {e}")));
-    match texture {
-        Ok(texture) if texture.width() > 0 && texture.height() > 0 => return Some(Arc::new(texture.to_rgba8())),
-        Ok(_) => warn_once(warnings, format!("texture {name} is empty: the base colour is used instead")),
-        Err(problem) => warn_once(warnings, format!("texture {name} {problem}: the base colour is used instead")),
-    }
-    None
+/// The textures of a mesh: each file is decoded once, and all together have a limit.
+#[derive(Default)]
+pub(super) struct Textures {
+    /// By file; `None` where it cannot be used.
+    known: HashMap<PathBuf, Option<Arc<image::RgbaImage>>>,
+    /// Bytes of all that were decoded.
+    bytes: u64,
 }
 
-/// The texture that a material in `folder` names; where there is none, a warning says why.
-pub(super) fn read_texture(folder: &Path, name: &str, warnings: &mut Vec<String>) -> Option<Arc<image::RgbaImage>> {
-    let bytes = find_reference(folder, name)
-        .ok_or("is not there".to_owned())
-        .and_then(|path| std::fs::read(path).map_err(|e| format!("cannot be read: {e}")));
-    decode_texture(name, bytes, warnings)
+impl Textures {
+    /// The texture that a material in `folder` names; where there is none, a warning says why.
+    pub fn read(&mut self, folder: &Path, name: &str, warnings: &mut Vec<String>) -> Option<Arc<image::RgbaImage>> {
+        let Some(path) = find_reference(folder, name) else {
+            unusable(name, "is not there", warnings);
+            return None;
+        };
+        if let Some(known) = self.known.get(&path) {
+            return known.clone();
+        }
+        let bytes = read_bytes(&path).map_err(reason);
+        let texture = self.decode(name, bytes, warnings);
+        self.known.insert(path, texture.clone());
+        texture
+    }
+
+    /// A texture out of the bytes of its file; where there is none, a warning says why.
+    pub fn decode(
+        &mut self,
+        name: &str,
+        bytes: Result<Vec<u8>, String>,
+        warnings: &mut Vec<String>,
+    ) -> Option<Arc<image::RgbaImage>> {
+        let texture = bytes.and_then(|bytes| {
+            let picture = decoded_picture(Path::new(name), &bytes).map_err(reason)?;
+            let size = 4 * u64::from(picture.width()) * u64::from(picture.height());
+            if self.bytes + size > TEXTURE_BYTES {
+                return Err(format!("would make all textures larger than {TEXTURE_BYTES} bytes"));
+            }
+            self.bytes += size;
+            Ok(picture.into_rgba8())
+        });
+        texture.map_err(|problem| unusable(name, &problem, warnings)).ok().map(Arc::new)
+    }
+}
+
+/// Why a picture cannot be decoded, for a message that names it already.
+fn reason(error: Error) -> String {
+    match error {
+        Error::Format { problem, .. } => format!("cannot be decoded: {problem}"),
+        Error::TooLarge { what, value, limit, .. } => {
+            format!("is too large: {what} is {value}, and at most {limit} is read")
+        }
+        other => format!("cannot be read: {other}"),
+    }
+}
+
+fn unusable(name: &str, problem: &str, warnings: &mut Vec<String>) {
+    warn_once(warnings, format!("texture {} {problem}: the base colour is used instead", shortened(name)));
 }

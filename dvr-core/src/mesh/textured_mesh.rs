@@ -5,6 +5,7 @@ use std::sync::Arc;
 use glam::Vec2;
 
 use super::triangle_mesh::Mesh;
+use crate::camera::Similarity;
 
 /// How a face of a [`TexturedMesh`] is coloured.
 #[derive(Clone, Debug, PartialEq)]
@@ -40,4 +41,11 @@ pub struct TexturedMesh {
     pub face_materials: Vec<u32>,
     /// The materials; empty means [`Material::default`].
     pub materials: Vec<Material>,
+}
+
+impl TexturedMesh {
+    /// The mesh moved through a similarity, as [`Mesh::transformed`].
+    pub fn transformed(self, similarity: &Similarity) -> Self {
+        Self { mesh: self.mesh.transformed(similarity), ..self }
+    }
 }

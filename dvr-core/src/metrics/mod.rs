@@ -1,8 +1,12 @@
-//! How good a result is: [`shape`] against the true surface and volume, [`picture`] against photographs.
+//! How good a result is: [`shape`] against the true surface and volume, [`seen`] where views
+//! see it, [`points`] against points that are known to lie
+//! on it, [`picture`] against photographs.
 
 pub mod alignment;
 mod overlap;
 pub mod picture;
+pub mod points;
+pub mod seen;
 pub mod shape;
 
 pub use overlap::intersection_over_union;

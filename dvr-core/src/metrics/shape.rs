@@ -84,6 +84,21 @@ pub fn score_surface(predicted: &PointCloud, truth: &PointCloud, thresholds: &[f
     Ok(score(&predicted.toward(&truth), &truth.toward(&predicted), thresholds))
 }
 
+/// Scores parts of a predicted and of a true surface, each against the whole of the other. Each surface is given as the
+/// whole and then the part; clouds as in [`score_surface`].
+///
+/// # Errors
+/// As [`score_surface`].
+pub(super) fn score_parts(
+    predicted: [&PointCloud; 2],
+    truth: [&PointCloud; 2],
+    thresholds: &[f64],
+) -> Result<ShapeScore> {
+    let predicted = (Surface::new("predicted", predicted[0])?, Surface::new("predicted", predicted[1])?);
+    let truth = (Surface::new("true", truth[0])?, Surface::new("true", truth[1])?);
+    Ok(score(&predicted.1.toward(&truth.0), &truth.1.toward(&predicted.0), thresholds))
+}
+
 /// What the true surface scores when it is sampled twice, independently, with `count` points.
 ///
 /// # Errors

@@ -1,6 +1,6 @@
 use std::path::Path;
 
-use dvr_test_support::fixture;
+use dvr_test_support::{fixture, scene, test_with};
 
 use super::*;
 use crate::inside::points_inside;
@@ -24,8 +24,7 @@ fn close(name: &str, ours: f64, file: &mut NpzFile) {
 
 #[test]
 fn scores_are_those_of_the_original() {
-    let Some(path) = fixture("mesh_eval.npz") else { return };
-    let mut file = NpzFile::open(&path).unwrap();
+    let mut file = NpzFile::open(&fixture("mesh_eval.npz")).unwrap();
     let predicted = PointCloud {
         points: vectors(&mut file, "points_pred"),
         normals: Some(vectors(&mut file, "normals_pred")),
@@ -68,8 +67,7 @@ fn scores_are_those_of_the_original() {
 
 #[test]
 fn occupancies_and_their_iou_are_those_of_the_original() {
-    let Some(path) = fixture("mesh_eval.npz") else { return };
-    let mut file = NpzFile::open(&path).unwrap();
+    let mut file = NpzFile::open(&fixture("mesh_eval.npz")).unwrap();
     let points = vectors(&mut file, "iou_points");
     let mut occupancies = Vec::new();
     for name in ["a", "b"] {
@@ -180,10 +178,10 @@ fn read_ply(path: &Path) -> Mesh {
     }
 }
 
-#[test]
+#[test_with(scene("rendered/res64"))]
 fn the_floor_is_that_of_the_reference_and_clouds_tell_the_same_as_meshes() {
-    for (scene, reference) in [("bunny", 0.0021), ("sharp", 0.0030), ("plate", 0.0025), ("rods", 0.0016)] {
-        let Some(folder) = dvr_test_support::scene(&format!("rendered/res64/{scene}/{scene}")) else { return };
+    for (name, reference) in [("bunny", 0.0021), ("sharp", 0.0030), ("plate", 0.0025), ("rods", 0.0016)] {
+        let folder = scene(&format!("rendered/res64/{name}/{name}"));
         let by_mesh =
             surface_floor(&read_ply(&folder.join("mesh.ply")), SURFACE_SAMPLES, &F_SCORE_THRESHOLDS, 0).unwrap();
         let mut file = NpzFile::open(&folder.join("pointcloud.npz")).unwrap();
@@ -193,25 +191,41 @@ fn the_floor_is_that_of_the_reference_and_clouds_tell_the_same_as_meshes() {
             colors: None,
         };
         let by_cloud = cloud_floor(&truth, SURFACE_SAMPLES, &F_SCORE_THRESHOLDS, 0).unwrap();
-        assert!((by_mesh.chamfer_l1 - reference).abs() < 6e-5, "{scene}: {}", by_mesh.chamfer_l1);
+        assert!((by_mesh.chamfer_l1 - reference).abs() < 6e-5, "{name}: {}", by_mesh.chamfer_l1);
         assert!((by_cloud.chamfer_l1 / by_mesh.chamfer_l1 - 1.0).abs() < 0.02);
     }
 }
 
-#[test]
+#[test_with(scene("rendered/res64"))]
 fn the_true_occupancies_are_those_of_the_true_mesh() {
-    for scene in ["bunny", "rods", "plate", "sharp"] {
-        let Some(folder) = dvr_test_support::scene(&format!("rendered/res64/{scene}/{scene}")) else { return };
+    for name in ["bunny", "rods", "plate", "sharp"] {
+        let folder = scene(&format!("rendered/res64/{name}/{name}"));
         let mut file = NpzFile::open(&folder.join("points.npz")).unwrap();
         let points = vectors(&mut file, "points");
         let truth = file.read("occupancies").unwrap().to_bool_of_length(points.len()).unwrap();
         let ours = points_inside(&read_ply(&folder.join("mesh.ply")), &points);
-        assert_eq!(intersection_over_union(&ours, &truth).unwrap(), 1.0, "{scene}");
+        assert_eq!(intersection_over_union(&ours, &truth).unwrap(), 1.0, "{name}");
+    }
+}
+
+#[test]
+fn a_cloud_has_the_floor_of_the_surface_that_it_was_sampled_from() {
+    let ball = crate::mesh::shapes::icosphere(4, 0.4);
+    let sample = |count, seed| PointCloud::from(crate::sampling::sample_surface(&ball, count, seed));
+    // As many predicted points as the cloud has, and four times as many.
+    for predicted in [4000, 16_000] {
+        let truth = score_surface(&sample(predicted, 1), &sample(4000, 2), &[]).unwrap();
+        let found = cloud_floor(&sample(4000, 3), predicted, &[], 0).unwrap();
+        let apart = |found: f64, truth: f64| (found / truth - 1.0).abs();
+        assert!(apart(found.accuracy, truth.accuracy) < 0.05, "{} {}", found.accuracy, truth.accuracy);
+        assert!(apart(found.completeness, truth.completeness) < 0.05, "{} {}", found.completeness, truth.completeness);
     }
 }
 
 #[test]
 fn a_cloud_of_one_point_has_no_floor() {
     assert!(cloud_floor(&cloud(vec![Vec3::ZERO]), 10, &[], 0).is_err());
+    let two = cloud(vec![Vec3::ZERO, Vec3::X]);
+    assert!(cloud_floor(&two, 10, &[], 0).is_ok() && cloud_floor(&two, 0, &[], 0).is_err());
     assert!(surface_floor(&Mesh::default(), 10, &[], 0).is_err());
 }

@@ -8,8 +8,9 @@ use zip::ZipArchive;
 use zip::write::SimpleFileOptions;
 
 use super::array::{Array, Values};
-use super::npy::{parse_npy, write_npy};
+use super::npy::{NpyHead, write_npy};
 use crate::error::{Error, Result};
+use crate::files::limits::{ARRAY_BYTES, INFLATION, NPY_HEADER_BYTES, check_limit};
 use crate::files::write_bytes_atomically;
 
 const REMEDY: &str = "The file may be truncated: copy it again, or write it anew with numpy.savez.";
@@ -18,6 +19,8 @@ const REMEDY: &str = "The file may be truncated: copy it again, or write it anew
 pub struct NpzFile {
     path: PathBuf,
     archive: ZipArchive<BufReader<File>>,
+    /// Bytes of the file.
+    length: u64,
     names: Vec<String>,
 }
 
@@ -28,13 +31,14 @@ impl NpzFile {
     /// [`Error::Io`] where the file cannot be opened, [`Error::Format`] where it is not a whole archive.
     pub fn open(path: &Path) -> Result<Self> {
         let file = File::open(path).map_err(|source| Error::io(path, source))?;
+        let length = file.metadata().map_err(|source| Error::io(path, source))?.len();
         let archive = ZipArchive::new(BufReader::new(file))
             .map_err(|error| Error::format(path, format!("this is not a whole .npz archive ({error})"), REMEDY))?;
         let names = archive
             .file_names()
             .filter_map(|name| Some(npyz::npz::array_name_from_file_name(&name.ok()?)?.to_owned()))
             .collect();
-        Ok(Self { path: path.to_owned(), archive, names })
+        Ok(Self { path: path.to_owned(), archive, length, names })
     }
 
     /// The file.
@@ -56,7 +60,7 @@ impl NpzFile {
     ///
     /// # Errors
     /// [`Error::Format`] where there is no such array (the error lists those there are), its data are damaged or end
-    /// early, or its dtype is not a number.
+    /// early, or its dtype is not a number; [`Error::TooLarge`] where it has more than [`ARRAY_BYTES`].
     pub fn read(&mut self, name: &str) -> Result<Array> {
         if !self.contains(name) {
             let mut names = self.names.join(", ");
@@ -71,13 +75,20 @@ impl NpzFile {
             ));
         }
         let wrong = |what: String| Error::format(&self.path, format!("array `{name}` cannot be read ({what})"), REMEDY);
-        let mut entry = self
+        let entry = self
             .archive
             .by_name(&npyz::npz::file_name_from_array_name(name))
             .map_err(|error| wrong(error.to_string()))?;
-        let mut bytes = Vec::new();
-        entry.read_to_end(&mut bytes).map_err(|error| wrong(error.to_string()))?;
-        parse_npy(&bytes).map_err(wrong)
+        // What the directory says of the entry's length is a claim, too.
+        let most = entry.size().min(entry.compressed_size().min(self.length).saturating_mul(INFLATION));
+        let mut entry = BufReader::new(entry.take(ARRAY_BYTES + 2 * NPY_HEADER_BYTES));
+        let head = NpyHead::read(&mut entry).map_err(wrong)?;
+        let what = format!("the size of array `{name}` in bytes");
+        check_limit(&self.path, &what, head.bytes_in_memory(), ARRAY_BYTES)?;
+        let array = head.read_values(&mut entry, most).map_err(wrong)?;
+        // The checksum is compared at the end of the entry.
+        std::io::copy(&mut entry, &mut std::io::sink()).map_err(|error| wrong(error.to_string()))?;
+        Ok(array)
     }
 }
 

@@ -1,66 +1,141 @@
-//! One `.npy` file in memory: an array with its header.
+//! A `.npy` file: an array with its header.
 
-use std::io::{Cursor, Write};
+use std::io::{Read, Write};
 
 use npyz::{Deserialize, NpyFile, Order, WriterBuilder};
 
 use super::array::{Array, Values};
+use crate::files::limits::NPY_HEADER_BYTES;
 
-/// One `.npy` file in memory; the error is what is wrong with it.
-pub(super) fn parse_npy(bytes: &[u8]) -> std::result::Result<Array, String> {
-    if !shape_is_sane(bytes) {
-        return Err("its shape is not possible".to_owned());
-    }
-    let mut rest = Cursor::new(bytes);
-    let header = npyz::NpyHeader::from_reader(&mut rest).map_err(|error| error.to_string())?;
-    let npyz::DType::Plain(dtype) = header.dtype() else {
-        return Err("it holds records, not numbers".to_owned());
-    };
-    let shape = header.shape().iter().map(|&n| usize::try_from(n)).collect::<std::result::Result<Vec<_>, _>>();
-    let shape = shape.map_err(|error| error.to_string())?;
-    let size = dtype.num_bytes().ok_or("its elements have no fixed size")?;
-    // A damaged shape must not decide how much memory is asked for.
-    let expected = shape.iter().try_fold(size, |n, &length| n.checked_mul(length));
-    let found = bytes.len() - rest.position() as usize;
-    if expected.is_none_or(|expected| expected > found) {
-        return Err(format!("shape {shape:?} of {size} bytes per element, but only {found} bytes of data"));
-    }
-    let order = header.order();
-    let npy = NpyFile::with_header(header, rest);
-    let values = match (dtype.type_char(), dtype.size_field()) {
-        (npyz::TypeChar::Float, 2) => Values::F32(elements(npy, half::f16::to_f32)?),
-        (npyz::TypeChar::Float, 4) => Values::F32(elements(npy, |x: f32| x)?),
-        (npyz::TypeChar::Float, 8) => Values::F64(elements(npy, |x: f64| x)?),
-        (npyz::TypeChar::Int, 1) => Values::I32(elements(npy, |x: i8| i32::from(x))?),
-        (npyz::TypeChar::Int, 2) => Values::I32(elements(npy, |x: i16| i32::from(x))?),
-        (npyz::TypeChar::Int, 4) => Values::I32(elements(npy, |x: i32| x)?),
-        (npyz::TypeChar::Int, 8) => Values::I64(elements(npy, |x: i64| x)?),
-        (npyz::TypeChar::Uint, 1) => Values::U8(elements(npy, |x: u8| x)?),
-        (npyz::TypeChar::Uint, 2) => Values::I32(elements(npy, |x: u16| i32::from(x))?),
-        (npyz::TypeChar::Uint, 4) => Values::I64(elements(npy, |x: u32| i64::from(x))?),
-        (npyz::TypeChar::Uint, 8) => Values::I64(elements(npy, |x: u64| i64::try_from(x).unwrap_or(i64::MAX))?),
-        (npyz::TypeChar::Bool, _) => Values::Bool(elements(npy, |x: bool| x)?),
-        _ => return Err(format!("its dtype {dtype} is not a number")),
-    };
-    let values = if order == Order::Fortran { in_c_order(values, &shape) } else { values };
-    Ok(Array { shape, values })
+/// Bytes before the header from version 2.0 on: magic, version and the header's length. Version 1.0 has two less.
+const PREFIX: usize = 12;
+
+/// Brackets in brackets of a header. An array of numbers has two; npyz takes time by the power of their number.
+const MOST_NESTED: usize = 4;
+
+/// What a `.npy` file says of its array.
+pub(super) struct NpyHead {
+    header: npyz::NpyHeader,
+    dtype: npyz::TypeStr,
+    shape: Vec<usize>,
+    /// Bytes of an element in the file.
+    size: usize,
+    count: usize,
 }
 
-/// Whether the lengths in a `.npy` header can be multiplied: npyz does so without looking.
-fn shape_is_sane(bytes: &[u8]) -> bool {
-    let header = bytes.split(|&b| b == b'\n').next().map(String::from_utf8_lossy).unwrap_or_default();
-    let shape = header.split_once("'shape'").and_then(|(_, rest)| rest.split_once('(')?.1.split_once(')'));
-    let Some((lengths, _)) = shape else { return true };
-    let lengths = lengths.split(',').filter_map(|length| length.trim().parse::<u64>().ok());
-    lengths.map(|length| length.max(1)).try_fold(16u64, u64::checked_mul).is_some()
+impl NpyHead {
+    /// Reads the header; the error is what is wrong with it.
+    pub(super) fn read(reader: &mut impl Read) -> Result<Self, String> {
+        let text = header_bytes(reader)?;
+        check_header(&text)?;
+        let header = npyz::NpyHeader::from_reader(text.as_slice()).map_err(|error| error.to_string())?;
+        let npyz::DType::Plain(dtype) = header.dtype() else {
+            return Err("it holds records, not numbers".to_owned());
+        };
+        let shape = header.shape().iter().map(|&n| usize::try_from(n)).collect::<Result<Vec<_>, _>>();
+        let shape = shape.map_err(|error| error.to_string())?;
+        let size = dtype.num_bytes().ok_or("its elements have no fixed size")?;
+        let count = shape.iter().try_fold(1usize, |n, &length| n.checked_mul(length));
+        let count = count.ok_or_else(|| format!("its shape {shape:?} is not possible"))?;
+        Ok(Self { header, dtype, shape, size, count })
+    }
+
+    /// Bytes of the array as [`Values`] hold it.
+    pub(super) fn bytes_in_memory(&self) -> u64 {
+        let size = match (self.dtype.type_char(), self.size) {
+            (npyz::TypeChar::Float | npyz::TypeChar::Int, size) => size.max(4),
+            (npyz::TypeChar::Uint, 2) => 4,
+            (npyz::TypeChar::Uint, 4) => 8,
+            (_, size) => size.max(1),
+        };
+        (self.count as u64).saturating_mul(size as u64)
+    }
+
+    /// Reads the elements, of which there may be `most` bytes; the error is what is wrong with them.
+    pub(super) fn read_values(self, reader: &mut impl Read, most: u64) -> Result<Array, String> {
+        let Self { header, dtype, shape, size, count } = self;
+        // A damaged shape must not decide how much memory is asked for.
+        if (count as u64).checked_mul(size as u64).is_none_or(|bytes| bytes > most) {
+            return Err(format!("shape {shape:?} of {size} bytes per element, but less than {most} bytes of data"));
+        }
+        let order = header.order();
+        let npy = NpyFile::with_header(header, reader);
+        let values = match (dtype.type_char(), dtype.size_field()) {
+            (npyz::TypeChar::Float, 2) => Values::F32(elements(npy, count, half::f16::to_f32)?),
+            (npyz::TypeChar::Float, 4) => Values::F32(elements(npy, count, |x: f32| x)?),
+            (npyz::TypeChar::Float, 8) => Values::F64(elements(npy, count, |x: f64| x)?),
+            (npyz::TypeChar::Int, 1) => Values::I32(elements(npy, count, |x: i8| i32::from(x))?),
+            (npyz::TypeChar::Int, 2) => Values::I32(elements(npy, count, |x: i16| i32::from(x))?),
+            (npyz::TypeChar::Int, 4) => Values::I32(elements(npy, count, |x: i32| x)?),
+            (npyz::TypeChar::Int, 8) => Values::I64(elements(npy, count, |x: i64| x)?),
+            (npyz::TypeChar::Uint, 1) => Values::U8(elements(npy, count, |x: u8| x)?),
+            (npyz::TypeChar::Uint, 2) => Values::I32(elements(npy, count, |x: u16| i32::from(x))?),
+            (npyz::TypeChar::Uint, 4) => Values::I64(elements(npy, count, |x: u32| i64::from(x))?),
+            (npyz::TypeChar::Uint, 8) => {
+                Values::I64(elements(npy, count, |x: u64| i64::try_from(x).unwrap_or(i64::MAX))?)
+            }
+            (npyz::TypeChar::Bool, _) => Values::Bool(elements(npy, count, |x: bool| x)?),
+            _ => return Err(format!("its dtype {dtype} is not a number")),
+        };
+        let values = if order == Order::Fortran { in_c_order(values, &shape) } else { values };
+        Ok(Array { shape, values })
+    }
+}
+
+/// Magic, version, length and header, as they stand in the file.
+fn header_bytes(reader: &mut impl Read) -> Result<Vec<u8>, String> {
+    let early = |_| "it ends in its header".to_owned();
+    let mut bytes = vec![0; PREFIX - 2];
+    reader.read_exact(&mut bytes).map_err(early)?;
+    let length = if bytes[6] == 1 {
+        u64::from(u16::from_le_bytes([bytes[8], bytes[9]]))
+    } else {
+        bytes.resize(PREFIX, 0);
+        reader.read_exact(&mut bytes[PREFIX - 2..]).map_err(early)?;
+        u64::from(u32::from_le_bytes([bytes[8], bytes[9], bytes[10], bytes[11]]))
+    };
+    if length > NPY_HEADER_BYTES {
+        return Err(format!("its header has {length} bytes, and at most {NPY_HEADER_BYTES} are read"));
+    }
+    let start = bytes.len();
+    bytes.resize(start + length as usize, 0);
+    reader.read_exact(&mut bytes[start..]).map_err(early)?;
+    Ok(bytes)
+}
+
+/// Refuses a header that npyz would take too long for, or whose lengths it would multiply past the largest number.
+fn check_header(header: &[u8]) -> Result<(), String> {
+    let mut depth = 0usize;
+    for byte in header {
+        match byte {
+            b'(' | b'[' | b'{' => depth += 1,
+            b')' | b']' | b'}' => depth = depth.saturating_sub(1),
+            _ => {}
+        }
+        if depth > MOST_NESTED {
+            return Err(format!("its header has more than {MOST_NESTED} brackets in each other"));
+        }
+    }
+    let text = String::from_utf8_lossy(header);
+    let numbers = text.split(|c: char| !c.is_ascii_digit()).filter(|number| !number.is_empty());
+    let lengths = numbers.map(|number| number.parse::<u64>().ok());
+    // The size of an element is among the numbers.
+    let product =
+        lengths.map(|length| length.map(|length| length.max(1))).try_fold(1u64, |n, length| n.checked_mul(length?));
+    product.map(|_| ()).ok_or_else(|| "its shape is not possible".to_owned())
 }
 
 fn elements<T: Deserialize, U>(
-    npy: NpyFile<Cursor<&[u8]>>,
+    npy: NpyFile<impl Read>,
+    count: usize,
     convert: impl Fn(T) -> U,
-) -> std::result::Result<Vec<U>, String> {
+) -> Result<Vec<U>, String> {
     let reader = npy.data::<T>().map_err(|error| error.to_string())?;
-    reader.map(|x| x.map(&convert)).collect::<std::io::Result<_>>().map_err(|error| error.to_string())
+    let mut values = Vec::with_capacity(count);
+    for value in reader {
+        values.push(convert(value.map_err(|error| error.to_string())?));
+    }
+    Ok(values)
 }
 
 fn in_c_order(values: Values, shape: &[usize]) -> Values {

@@ -1,6 +1,6 @@
 use std::path::PathBuf;
 
-use super::npy::parse_npy;
+use super::npy::NpyHead;
 use super::*;
 use crate::error::Error;
 
@@ -8,6 +8,11 @@ fn folder() -> (tempfile::TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.npz");
     (folder, path)
+}
+
+fn parse_npy(mut bytes: &[u8]) -> Result<Array, String> {
+    let most = bytes.len() as u64;
+    NpyHead::read(&mut bytes)?.read_values(&mut bytes, most)
 }
 
 /// A `.npy` file as NumPy writes it (format version 1.0).
@@ -102,6 +107,34 @@ fn a_truncated_archive_and_a_missing_array_are_named() {
         if let Ok(read) = NpzFile::open(&path).and_then(|mut npz| npz.read("points")) {
             assert_eq!(read, array, "byte {index}");
         }
+    }
+}
+
+#[test]
+fn an_entry_that_inflates_beyond_the_limit_is_refused_before_it_does() {
+    let (_folder, path) = folder();
+    let zeros = Array { shape: vec![1 << 20], values: Values::U8(vec![0; 1 << 20]) };
+    write_npz(&path, &[("a", &zeros)]).unwrap();
+    let packed = std::fs::metadata(&path).unwrap().len();
+    assert!(packed < 4096, "{packed}");
+    // The same entry with a header that promises doubles: 8 bytes each, more than the file can inflate to.
+    let head = npy("<f8", false, "(99999999,)", &[0; 64]);
+    let huge = npy("<f2", false, "(199999999,)", &[0; 64]);
+    for (bytes, is_limit) in [(head, true), (huge, true), (npy("<f8", false, "(9999999,)", &[0; 64]), false)] {
+        let mut zip = zip::ZipWriter::new(std::fs::File::create(&path).unwrap());
+        zip.start_file("a.npy", zip::write::SimpleFileOptions::default()).unwrap();
+        std::io::Write::write_all(&mut zip, &bytes).unwrap();
+        zip.finish().unwrap();
+        let error = NpzFile::open(&path).unwrap().read("a").unwrap_err();
+        assert_eq!(matches!(error, Error::TooLarge { .. }), is_limit, "{error}");
+    }
+}
+
+#[test]
+fn a_header_of_nested_brackets_is_refused_at_once() {
+    for (open, close) in [("(", ")"), ("[", "]"), ("{", "}")] {
+        let shape = format!("{}1,{}", open.repeat(200), close.repeat(200));
+        assert!(parse_npy(&npy("<f4", false, &shape, &[0; 4])).unwrap_err().contains("brackets"));
     }
 }
 

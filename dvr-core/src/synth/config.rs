@@ -3,7 +3,8 @@
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-use crate::error::{Error, Result};
+use crate::error::Result;
+use crate::number_range::{NumberRange, OutOfRange, above, check_config, real, whole};
 
 /// How a mesh is turned into a dataset. The defaults are those of the scenes that DVR implementations are compared on.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -48,6 +49,12 @@ pub struct SynthConfig {
     pub seed: u64,
 }
 
+/// Bytes of a pixel while a view is rendered and written.
+const PIXEL_BYTES: u64 = 80;
+
+/// Bytes of a sample of the true shape while it is drawn and written.
+const SAMPLE_BYTES: u64 = 80;
+
 impl Default for SynthConfig {
     fn default() -> Self {
         Self {
@@ -74,42 +81,49 @@ impl Default for SynthConfig {
 }
 
 impl SynthConfig {
+    /// The range of every number.
+    pub const RANGES: &[NumberRange] = &[
+        whole("views", 1, 10_000),
+        whole("width", 1, 16_384),
+        whole("height", 1, 16_384),
+        real("placement.ring.elevation", -90.0, 90.0),
+        above("placement.cap.half_angle", 0.0, 180.0),
+        real("jitter", 0.0, 1.0),
+        above("distance", 0.0, 1000.0),
+        above("focal", 0.0, 1000.0),
+        above("object_edge", 0.0, 1.0),
+        whole("samples_per_axis", 1, 64),
+        real("background[]", 0.0, 1.0),
+        real("lighting.ambient", 0.0, 1000.0),
+        real("lighting.lights[].direction[]", -1e6, 1e6),
+        real("lighting.lights[].intensity", 0.0, 1000.0),
+        real("lighting.headlight", 0.0, 1000.0),
+        real("lighting.specular", 0.0, 1000.0),
+        real("lighting.shininess", 0.0, 1e6),
+        real("noise", 0.0, 10.0),
+        real("exposure_jitter", 0.0, 10.0),
+        whole("surface_points", 0, 100_000_000),
+        whole("occupancy_points", 0, 100_000_000),
+        whole("seed", 0, u64::MAX),
+    ];
+
+    /// Bytes that rendering takes at most, about: a view per thread, and the samples of the true shape.
+    pub fn memory_estimate(&self) -> u64 {
+        let pixels = u64::from(self.width) * u64::from(self.height);
+        let threads = rayon::current_num_threads().min(self.views) as u64;
+        threads * pixels * PIXEL_BYTES + (self.surface_points + self.occupancy_points) as u64 * SAMPLE_BYTES
+    }
+
     /// Refuses what cannot be rendered, before anything is.
     ///
     /// # Errors
-    /// [`Error::OutOfRange`] with the name of the value that is out of range.
+    /// [`Error::OutOfRange`](crate::Error::OutOfRange) with the key, the value and the range.
     pub fn check(&self) -> Result<()> {
-        let positive = [
-            ("views", self.views as f64),
-            ("width", f64::from(self.width)),
-            ("height", f64::from(self.height)),
-            ("distance", self.distance),
-            ("focal", self.focal),
-            ("object_edge", self.object_edge),
-            ("samples_per_axis", f64::from(self.samples_per_axis)),
-        ];
-        let not_negative = [
-            ("jitter", self.jitter),
-            ("noise", f64::from(self.noise)),
-            ("exposure_jitter", f64::from(self.exposure_jitter)),
-        ];
-        let wrong = positive.iter().find(|(_, v)| !v.is_finite() || *v <= 0.0);
-        if let Some((name, value)) = wrong.or(not_negative.iter().find(|(_, v)| !v.is_finite() || *v < 0.0)) {
-            let expected = "a positive finite number (jitter and noise may be 0)";
-            return Err(Error::OutOfRange { name, value: value.to_string(), expected });
-        }
-        if self.object_edge > 1.0 {
-            let (name, value) = ("object_edge", self.object_edge.to_string());
-            return Err(Error::OutOfRange { name, value, expected: "at most 1, the edge of the unit cube" });
-        }
+        check_config(self, Self::RANGES)?;
         // The corner of the cube is sqrt(3)/2 away: a camera inside the object's ball sees no silhouette.
         if self.distance <= 0.5 * 3f64.sqrt() * self.object_edge {
-            let (name, value) = ("distance", self.distance.to_string());
-            return Err(Error::OutOfRange {
-                name,
-                value,
-                expected: "at least 1, so that cameras stand outside the object",
-            });
+            let range = "at least 1, so that cameras stand outside the object";
+            return Err(OutOfRange::new("distance", self.distance, range).into());
         }
         Ok(())
     }

@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 use super::config::SynthConfig;
 use super::dataset::render_object;
 use super::lists::{LISTS, register_category, write_list};
+use crate::cancellation::Cancellation;
 use crate::error::{Error, Result};
 use crate::mesh::read_mesh_with_warnings;
 use crate::scene::Split;
@@ -62,12 +63,13 @@ pub struct CorpusReport {
 ///
 /// # Errors
 /// [`Error::OutOfRange`] where the configuration is unusable, [`Error::AlreadyThere`] where two objects share a name; [`Error::Io`] where something
-/// cannot be written.
+/// cannot be written; [`Error::Cancelled`] where somebody wants it to end.
 pub fn render_corpus(
     objects: &[CorpusObject],
     out: &Path,
     config: &SynthConfig,
     ratios: SplitRatios,
+    cancellation: &Cancellation,
     progress: &mut dyn FnMut(usize, usize),
 ) -> Result<CorpusReport> {
     config.check()?;
@@ -78,6 +80,7 @@ pub fn render_corpus(
     let mut report = CorpusReport::default();
     let mut categories: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
     for (i, object) in objects.iter().enumerate() {
+        cancellation.check()?;
         if render_one(object, out, config, &mut report)? {
             categories.entry(&object.category).or_default().push(&object.name);
         }

@@ -12,7 +12,7 @@ use super::placement::place_cameras;
 use super::render::{MeshRenderer, RenderedView};
 use crate::camera::{Camera, Similarity};
 use crate::error::{Error, Result};
-use crate::files::{write_depth_exr, write_gray_png, write_rgb_png};
+use crate::files::{TemporaryName, sync_folder, write_depth_exr, write_gray_png, write_rgb_png};
 use crate::inside::points_inside;
 use crate::mesh::{Mesh, TexturedMesh};
 use crate::npz::{Array, Values, write_npz};
@@ -212,6 +212,7 @@ fn create_folder(path: &Path) -> Result<()> {
 /// A folder under a temporary name, deleted unless it is finished.
 struct PartialFolder {
     path: PathBuf,
+    _name: TemporaryName,
 }
 
 impl PartialFolder {
@@ -220,12 +221,14 @@ impl PartialFolder {
         if path.exists() {
             std::fs::remove_dir_all(&path).map_err(|e| Error::io(&path, e))?;
         }
-        create_folder(&path)?;
-        Ok(Self { path })
+        let made = TemporaryName::of(|| std::fs::create_dir_all(&path), |()| path.clone());
+        let ((), name) = made.map_err(|e| Error::io(&path, e))?;
+        Ok(Self { path, _name: name })
     }
 
     fn finish(self, name: &Path) -> Result<()> {
-        std::fs::rename(&self.path, name).map_err(|e| Error::io(name, e))
+        let renamed = std::fs::rename(&self.path, name);
+        renamed.and_then(|()| sync_folder(name.parent().unwrap_or(name))).map_err(|e| Error::io(name, e))
     }
 }
 

@@ -1,18 +1,11 @@
-//! What colour a point of a textured mesh has, and what light it sends to the camera.
+//! What light a point of a textured mesh sends to the camera.
 
-use std::sync::LazyLock;
-
-use glam::{DVec3, Vec2, Vec3};
+use glam::{DVec3, Vec3};
 
 use super::config::Lighting;
-use crate::bilinear::Bilinear;
 use crate::bvh::{Bvh, RayHit};
-use crate::mesh::{Material, TexturedMesh};
+use crate::mesh::TexturedMesh;
 use crate::ray::Ray;
-use crate::srgb::srgb_to_linear;
-
-/// Linear light of an sRGB byte.
-static LINEAR: LazyLock<[f32; 256]> = LazyLock::new(|| std::array::from_fn(|i| srgb_to_linear(i as f32 / 255.0)));
 
 /// How far a shadow ray starts above the surface, in object units: more than rounding, less than any detail.
 const SHADOW_OFFSET: f64 = 1e-4;
@@ -38,7 +31,7 @@ pub(super) fn radiance(textured: &TexturedMesh, bvh: &Bvh, lighting: &Lighting, 
         diffuse += light.intensity * cosine as f32;
         highlight += lighting.specular * light.intensity * blinn(normal, to_light, to_camera, lighting);
     }
-    diffuse * albedo(textured, hit) + highlight
+    diffuse * textured.base_color(hit.face as usize, hit.barycentric) + highlight
 }
 
 /// `(n . h)^s` with the half vector `h` (Blinn 1977).
@@ -58,61 +51,4 @@ fn normals(textured: &TexturedMesh, hit: &RayHit, to_camera: DVec3) -> (DVec3, D
     });
     let normal = smooth.unwrap_or(face_normal).normalize_or(face_normal);
     (face_normal, if normal.dot(face_normal) < 0.0 { -normal } else { normal })
-}
-
-/// Linear base colour at a hit: material, texture and vertex colours multiplied. Alpha is passed over: the picture has
-/// to show the geometry that the ground truth is taken from.
-pub(super) fn albedo(textured: &TexturedMesh, hit: &RayHit) -> Vec3 {
-    let face = hit.face as usize;
-    let weights = hit.barycentric.map(|w| w as f32);
-    let material = textured.face_materials.get(face).map_or(0, |&m| m as usize);
-    let default = Material::default();
-    let material = textured.materials.get(material).unwrap_or(&default);
-    let mut color = linear(material.base_color);
-    if let (Some(texture), Some(uvs)) = (&material.texture, textured.corner_uvs.get(face)) {
-        color *= bilinear(texture, uvs.iter().zip(weights).map(|(&uv, w)| w * uv).sum());
-    }
-    if let Some(colors) = &textured.mesh.colors {
-        let corners = textured.mesh.faces[face].map(|i| linear(colors[i as usize]));
-        color *= corners.iter().zip(weights).map(|(&c, w)| w * c).sum::<Vec3>();
-    }
-    color
-}
-
-fn linear(srgb: [f32; 3]) -> Vec3 {
-    Vec3::from(srgb.map(|c| srgb_to_linear(c.clamp(0.0, 1.0))))
-}
-
-/// The texture's linear colour, interpolated between the centres of its texels; it repeats beyond its edges.
-fn bilinear(texture: &image::RgbaImage, uv: Vec2) -> Vec3 {
-    let (width, height) = texture.dimensions();
-    let uv = if uv.is_finite() { uv } else { Vec2::ZERO };
-    // v points up, rows run down.
-    let x = (uv.x - uv.x.floor()) * width as f32;
-    let y = (1.0 - (uv.y - uv.y.floor())) * height as f32;
-    let at = Bilinear::repeating(Vec2::new(x, y), (width, height));
-    let [a, b, c, d] = at.pixels.map(|(u, v)| {
-        let [r, g, b, _] = texture.get_pixel(u, v).0;
-        Vec3::from([r, g, b].map(|byte| LINEAR[usize::from(byte)]))
-    });
-    // Not `Bilinear::value`, which rounds otherwise: the same seed makes the same pictures, bit for bit.
-    let [s, t] = at.fraction;
-    a.lerp(b, s).lerp(c.lerp(d, s), t)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_texture_counts_from_its_bottom_left_corner_and_repeats() {
-        let mut texture = image::RgbaImage::from_pixel(2, 2, image::Rgba([0, 0, 0, 255]));
-        texture.put_pixel(0, 0, image::Rgba([255, 255, 255, 0])); // top left; its alpha does not matter
-        let at = |u: f32, v: f32| bilinear(&texture, Vec2::new(u, v));
-        assert_eq!(at(0.25, 0.75), Vec3::ONE);
-        assert_eq!(at(0.25, 0.25), Vec3::ZERO);
-        assert_eq!(at(1.25, -0.25), Vec3::ONE);
-        assert_eq!(at(0.5, 0.75), Vec3::splat(0.5), "light is interpolated, not sRGB values");
-        assert!(at(f32::NAN, 0.0).is_finite());
-    }
 }

@@ -47,6 +47,12 @@ pub enum GridFormatError {
         /// What reading it met.
         reason: String,
     },
+    /// The header describes more than is kept.
+    #[error("the grid field has {values} values, and at most {MAX_VALUES} are read")]
+    TooLarge {
+        /// Occupancies and colour channels of all nodes.
+        values: usize,
+    },
     /// There are fewer or more values than the header asks for.
     #[error("the grid field is cut short")]
     CutShort,
@@ -72,6 +78,9 @@ const LAST_COLOR: f32 = 63.0;
 /// Most nodes along an edge that a file may claim to have: those of 512 cells, the most that training makes.
 const MAX_NODES: u32 = 513;
 
+/// Most values of both grids together: those of 512 cells with colours half as fine, which take 750 MB.
+pub const MAX_VALUES: usize = 190_000_000;
+
 /// What a node is: away from the surface on either side, or stored.
 #[derive(Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
@@ -84,13 +93,14 @@ enum Class {
 /// A field as bytes.
 ///
 /// # Errors
-/// Never in practice: memory is written to.
+/// [`GridFormatError::TooLarge`] where the field has more than [`MAX_VALUES`].
 pub fn to_bytes(field: &GridField) -> Result<Vec<u8>, GridFormatError> {
     let (shape, color) = (field.shape(), field.color());
+    check_values(&shape.grid, &color.grid)?;
     let classes = classify(shape);
     let step = shape.grid.spacing() / STEPS_PER_CELL;
     let mut plain: Vec<u8> = classes.iter().map(|&class| class as u8).collect();
-    let mut predictor = Predictor::new(&shape.grid);
+    let mut predictor = Predictor::new(&shape.grid, &classes);
     for node in (0..classes.len()).filter(|&node| classes[node] == Class::Stored) {
         let code = quantised(shape.values[node], step);
         plain.push(code.wrapping_sub(predictor.predict(node)) as u8);
@@ -118,7 +128,8 @@ pub fn to_bytes(field: &GridField) -> Result<Vec<u8>, GridFormatError> {
 /// A field from bytes.
 ///
 /// # Errors
-/// When the bytes are not a grid field, are cut short, or come from another version of the program.
+/// When the bytes are not a grid field, are cut short, come from another version of the program, or claim more than
+/// [`MAX_VALUES`].
 pub fn from_bytes(bytes: &[u8]) -> Result<GridField, GridFormatError> {
     if bytes.len() < HEADER || &bytes[..4] != MAGIC {
         return Err(GridFormatError::NotAGridField);
@@ -136,12 +147,21 @@ pub fn from_bytes(bytes: &[u8]) -> Result<GridField, GridFormatError> {
     }
     let (shape, color) =
         (VoxelGrid::new(nodes as usize, half_extent), VoxelGrid::new(color_nodes as usize, half_extent));
-    // No more than these bytes can be needed: a file cannot ask for all memory.
-    let limit = 2 * shape.len() + 3 * color.len();
-    let mut plain = Vec::new();
-    let decoder = DeflateDecoder::new(&bytes[HEADER..]);
-    decoder.take(limit as u64 + 1).read_to_end(&mut plain).map_err(|e| damaged(&e))?;
-    read_plain(&plain, shape, color).ok_or(GridFormatError::CutShort)
+    check_values(&shape, &color)?;
+    read_plain(&mut DeflateDecoder::new(&bytes[HEADER..]), shape, color)
+}
+
+fn check_values(shape: &VoxelGrid, color: &VoxelGrid) -> Result<(), GridFormatError> {
+    let values = shape.len() + 3 * color.len();
+    if values > MAX_VALUES { Err(GridFormatError::TooLarge { values }) } else { Ok(()) }
+}
+
+/// The next bytes of what was deflated; memory grows as they come.
+fn next_bytes(plain: &mut impl Read, count: usize) -> Result<Vec<u8>, GridFormatError> {
+    let mut bytes = Vec::new();
+    plain.by_ref().take(count as u64).read_to_end(&mut bytes).map_err(|e| damaged(&e))?;
+    bytes.shrink_to_fit();
+    if bytes.len() == count { Ok(bytes) } else { Err(GridFormatError::CutShort) }
 }
 
 fn damaged(problem: &std::io::Error) -> GridFormatError {
@@ -156,44 +176,58 @@ pub fn stored_values(field: &GridField) -> usize {
     shape + 3 * needed.iter().filter(|needed| **needed).count()
 }
 
-/// What was deflated; `None` where its length is wrong.
-fn read_plain(plain: &[u8], shape: VoxelGrid, color: VoxelGrid) -> Option<GridField> {
-    let (classes, rest) = plain.split_at_checked(shape.len())?;
+/// What was deflated, part by part: nothing is made for what is not there.
+fn read_plain(plain: &mut impl Read, shape: VoxelGrid, color: VoxelGrid) -> Result<GridField, GridFormatError> {
+    let classes = next_bytes(plain, shape.len())?;
     let classes: Vec<Class> = classes
-        .iter()
-        .map(|&byte| match byte {
+        .into_iter()
+        .map(|byte| match byte {
             0 => Class::Outside,
             1 => Class::Inside,
             _ => Class::Stored,
         })
         .collect();
+    let values = read_shape(plain, &shape, &classes)?;
+    let needed = needed_colors(&shape, &classes, &color);
+    drop(classes);
+    let colors = read_colors(plain, &needed)?;
+    if plain.read(&mut [0]).map_err(|e| damaged(&e))? > 0 {
+        return Err(GridFormatError::CutShort);
+    }
+    let shape = GridValues { grid: shape, values };
+    Ok(GridField::new(shape, GridValues { grid: color, values: colors }))
+}
+
+/// The occupancy of every node.
+fn read_shape(plain: &mut impl Read, shape: &VoxelGrid, classes: &[Class]) -> Result<Vec<f32>, GridFormatError> {
     let stored = classes.iter().filter(|class| **class == Class::Stored).count();
-    let (codes, rest) = rest.split_at_checked(stored)?;
+    let codes = next_bytes(plain, stored)?;
     let (step, far) = (shape.spacing() / STEPS_PER_CELL, 2.0 * shape.spacing());
     let mut values: Vec<f32> = classes.iter().map(|&class| if class == Class::Inside { far } else { -far }).collect();
-    let mut predictor = Predictor::new(&shape);
+    let mut predictor = Predictor::new(shape, classes);
     let nodes = (0..classes.len()).filter(|&node| classes[node] == Class::Stored);
-    for (node, &residual) in nodes.zip(codes) {
+    for (node, &residual) in nodes.zip(&codes) {
         let code = predictor.predict(node).wrapping_add(residual as i8);
         predictor.learn(node, code);
         values[node] = (f32::from(code) + 0.5) * step;
     }
-    let needed = needed_colors(&shape, &classes, &color);
+    Ok(values)
+}
+
+/// The colour of every node; grey where none is needed.
+fn read_colors(plain: &mut impl Read, needed: &[bool]) -> Result<Vec<f32>, GridFormatError> {
     let count = needed.iter().filter(|needed| **needed).count();
-    if rest.len() != 3 * count {
-        return None;
-    }
-    let mut colors = vec![0.5; 3 * color.len()];
+    let mut colors = vec![0.5; 3 * needed.len()];
     for channel in 0..3 {
         let mut byte = 0u8;
+        let differences = next_bytes(plain, count)?;
         let nodes = (0..needed.len()).filter(|&node| needed[node]);
-        for (node, difference) in nodes.zip(&rest[channel * count..]) {
-            byte = byte.wrapping_add(*difference);
+        for (node, difference) in nodes.zip(differences) {
+            byte = byte.wrapping_add(difference);
             colors[3 * node + channel] = byte_color(byte);
         }
     }
-    let shape = GridValues { grid: shape, values };
-    Some(GridField::new(shape, GridValues { grid: color, values: colors }))
+    Ok(colors)
 }
 
 /// Which nodes are corners of cells that the surface passes through.
@@ -214,19 +248,24 @@ fn classify(shape: &GridValues) -> Vec<Class> {
 
 /// Guesses a node's code from those before it, so that only what is new has to be stored: shapes are almost linear
 /// from node to node (the Lorenzo predictor, Ibarria et al. 2003, on as many axes as there are neighbours).
-struct Predictor {
-    codes: Vec<Option<i8>>,
+struct Predictor<'a> {
+    /// Which nodes have a code, once it is their turn.
+    classes: &'a [Class],
+    codes: Vec<i8>,
     steps: [usize; 3],
 }
 
-impl Predictor {
-    fn new(grid: &VoxelGrid) -> Self {
+impl<'a> Predictor<'a> {
+    fn new(grid: &VoxelGrid, classes: &'a [Class]) -> Self {
         let nodes = grid.nodes();
-        Self { codes: vec![None; grid.len()], steps: [1, nodes, nodes * nodes] }
+        Self { classes, codes: vec![0; grid.len()], steps: [1, nodes, nodes * nodes] }
     }
 
     fn predict(&self, node: usize) -> i8 {
-        let code = |back: usize| node.checked_sub(back).and_then(|i| self.codes[i]).map(i16::from);
+        let code = |back: usize| {
+            let i = node.checked_sub(back).filter(|&i| self.classes[i] == Class::Stored)?;
+            Some(i16::from(self.codes[i]))
+        };
         let [x, y, z] = self.steps;
         let plane = |a: usize, b: usize| Some(code(a)? + code(b)? - code(a + b)?);
         let all =
@@ -237,7 +276,7 @@ impl Predictor {
     }
 
     fn learn(&mut self, node: usize, code: i8) {
-        self.codes[node] = Some(code);
+        self.codes[node] = code;
     }
 }
 
@@ -311,8 +350,16 @@ mod tests {
             from_bytes(&newer).err(),
             Some(GridFormatError::Version { found: 9, expected: GRID_FORMAT_VERSION })
         );
-        let mut huge = bytes;
-        huge[8..12].copy_from_slice(&u32::MAX.to_le_bytes());
-        assert!(from_bytes(&huge).is_err());
+        let claiming = |nodes: [u32; 2]| {
+            let mut claiming = bytes.clone();
+            claiming[8..16].copy_from_slice(&nodes.map(u32::to_le_bytes).concat());
+            from_bytes(&claiming).err()
+        };
+        for nodes in [[u32::MAX, 17], [2049, 17], [33, 0]] {
+            assert!(matches!(claiming(nodes), Some(GridFormatError::Extents { .. })), "{nodes:?}");
+        }
+        let values = 513usize.pow(3) * 4;
+        assert_eq!(claiming([513, 513]), Some(GridFormatError::TooLarge { values }));
+        assert_eq!(claiming([513, 257]), Some(GridFormatError::CutShort));
     }
 }

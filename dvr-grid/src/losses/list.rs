@@ -282,14 +282,14 @@ macro_rules! loss_structs {
         }
 
         impl GridLosses {
-            /// Checks that all numbers make sense.
-            ///
-            /// # Errors
-            /// Names the key, the value and the range.
-            pub(crate) fn check(&self) -> Result<()> {
-                $(check(stringify!($ray), &self.$ray)?;)*
-                $(check(stringify!($node), &self.$node)?;)*
-                Ok(())
+            /// The ranges of all numbers.
+            pub(crate) fn ranges() -> Vec<NumberRange> {
+                let losses = Self::default();
+                [
+                    $(ranges(stringify!($ray), &losses.$ray),)*
+                    $(ranges(stringify!($node), &losses.$node),)*
+                ]
+                .concat()
             }
 
             /// All weights zero.

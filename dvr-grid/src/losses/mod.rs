@@ -4,9 +4,11 @@
 //! on a GPU (`RayLosses`), the names of the report ([`NAMES`]), and what evaluates the terms on CPU and GPU. To add
 //! a term: write its file, with the trait of its kind and its kernel function, and enter it here.
 
+use std::ops::RangeInclusive;
+
+use dvr_core::number_range::{Allowed, NumberRange};
 use serde::{Deserialize, Serialize};
 
-use crate::error::{Error, Result};
 use crate::views::TrainingView;
 use term::{Comparison, CrossViewTerm, LossTerm, SilhouetteTerm, SurfaceGradient, SurfaceHit, SurfaceTerm};
 
@@ -55,21 +57,18 @@ loss_terms! {
     }
 }
 
-/// Checks the numbers of a term.
-fn check(name: &str, term: &impl LossTerm) -> Result<()> {
-    let weight = ("weight", term.weight(), 0.0..=f64::MAX);
-    for (parameter, value, range) in std::iter::once(weight).chain(term.parameters()) {
-        if !range.contains(&value) {
-            let range = match *range.end() {
-                f64::MAX => format!("at least {}", range.start()),
-                end => format!("from {} to {end}", range.start()),
-            };
-            return Err(Error::OutOfRange {
-                key: format!("losses.{name}.{parameter}"),
-                value: value.to_string(),
-                range,
-            });
-        }
-    }
-    Ok(())
+/// No number of a term is larger: all are stored in single precision.
+const LARGEST: f64 = 1e6;
+
+/// The ranges of the numbers of a term.
+fn ranges(name: &str, term: &(impl LossTerm + Serialize)) -> Vec<NumberRange> {
+    let numbers = serde_json::to_value(term).unwrap_or_default();
+    let weight = ("weight", term.weight(), 0.0..=LARGEST);
+    let range = |(parameter, _, range): (&'static str, f64, RangeInclusive<f64>)| {
+        let (least, most) = (*range.start(), range.end().min(LARGEST));
+        let is_whole = numbers.get(parameter).is_some_and(serde_json::Value::is_u64);
+        let allowed = if is_whole { Allowed::Whole(least as u64, most as u64) } else { Allowed::Real(least, most) };
+        NumberRange { key: format!("losses.{name}.{parameter}").into(), allowed }
+    };
+    std::iter::once(weight).chain(term.parameters()).map(range).collect()
 }

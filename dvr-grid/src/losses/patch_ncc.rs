@@ -1,6 +1,6 @@
 //! Patch NCC: one less the normalised cross-correlation of a patch around the pixel with its projection to other views.
 //!
-//! `L = weight * mean_v (1 - NCC(P, P_v))`: 3x3 samples around the pixel are carried by the tangent plane of the surface
+//! `L = weight * mean_v (1 - NCC(P, P_v))`: 5x5 samples around the pixel are carried by the tangent plane of the surface
 //! at the hit to the other view, and their brightnesses compared (as in Geo-Neus, Fu et al. 2022, and PGSR, Chen et al.
 //! 2024, with the plane's homography written as points on the plane). It is blind to exposure, and to what has no
 //! texture. The gradient takes the plane's normal for fixed: the patch moves along the
@@ -16,8 +16,11 @@ use crate::patch::CenteredPatch;
 use crate::views::TrainingView;
 
 /// Samples along the side of a patch, and all.
-const SIDE: usize = 3;
+const SIDE: usize = 5;
 const SAMPLES: usize = SIDE * SIDE;
+
+/// Samples from the middle to the side.
+const REACH: u32 = SIDE as u32 / 2;
 
 /// Variance of brightness that noise alone may have: patches with less say nothing.
 const NOISE: f32 = 1e-4;
@@ -38,7 +41,7 @@ pub struct PatchNccLoss {
     pub weight: f64,
     /// Patches less correlated than this are taken for occlusion, and ignored.
     pub min_correlation: f64,
-    /// Pixels between the samples of a patch of 3x3.
+    /// Pixels between the samples of a patch of 5x5.
     pub stride: u32,
 }
 
@@ -124,7 +127,8 @@ impl Patch {
         let depth = height / slope;
         for i in 0..SAMPLES {
             let (du, dv) = ((i % SIDE) as u32 * stride, (i / SIDE) as u32 * stride);
-            let (u, v) = ((u + du).checked_sub(stride)?, (v + dv).checked_sub(stride)?);
+            let reach = REACH * stride;
+            let (u, v) = ((u + du).checked_sub(reach)?, (v + dv).checked_sub(reach)?);
             brightness[i] = view.brightness(u, v)?;
             let direction = view.direction(u, v);
             let ray_depth = height / normal.dot(direction);
@@ -163,7 +167,7 @@ pub(crate) mod gpu {
     use cubecl::prelude::*;
 
     use super::super::term::gpu::{PixelRay, SurfaceHit};
-    use super::{MAX_STRETCH, NOISE, PatchNccLoss, SAMPLES, SIDE};
+    use super::{MAX_STRETCH, NOISE, PatchNccLoss, REACH, SAMPLES, SIDE};
     use crate::gpu::views::{Photo, Seen, color, is_object};
     use crate::gpu::voxel::Point;
 
@@ -216,10 +220,11 @@ pub(crate) mod gpu {
         for i in 0..SAMPLES {
             let column = pixel.u + (i as u32 % SIDE as u32) * stride;
             let row = pixel.v + (i as u32 / SIDE as u32) * stride;
-            let within = column >= stride && row >= stride && column - stride < own.width && row - stride < own.height;
+            let reach = REACH * stride;
+            let within = column >= reach && row >= reach && column - reach < own.width && row - reach < own.height;
             // Out of the frame, the pixel itself stands in.
-            let x = select(within, column - stride, pixel.u);
-            let y = select(within, row - stride, pixel.v);
+            let x = select(within, column - reach, pixel.u);
+            let y = select(within, row - reach, pixel.v);
             let shown = pixels[own.index(x, y)];
             brightness[i] = color(shown).sum() / 3.0f32;
             let stretch = height / normal.dot(&own.direction(views, x, y)) / depth;
@@ -246,8 +251,8 @@ pub(crate) mod gpu {
         let mut is_seen = patch.is_whole;
         if is_seen {
             for i in 0..SAMPLES {
-                let column = pixel.u + (i as u32 % SIDE as u32) * weights.stride - weights.stride;
-                let row = pixel.v + (i as u32 / SIDE as u32) * weights.stride - weights.stride;
+                let column = pixel.u + (i as u32 % SIDE as u32) * weights.stride - REACH * weights.stride;
+                let row = pixel.v + (i as u32 / SIDE as u32) * weights.stride - REACH * weights.stride;
                 let direction = pixel.view.direction(views, column, row);
                 let approach = patch.normal.dot(&direction);
                 let point = pixel.origin.along(&direction, patch.height / approach);

@@ -7,8 +7,8 @@
 //! no other does, what lies before it is empty. Nodes of a coarse grid that several views say this of are carved
 //! away; training finds the surface from there.
 
-use dvr_core::Bilinear;
 use dvr_core::voxel::VoxelGrid;
+use dvr_core::{Bilinear, Cancellation, Cancelled};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
@@ -52,21 +52,32 @@ pub(crate) struct SpaceCarving {
 impl SpaceCarving {
     /// Sweeps about this many pixels, spread evenly over the views; `hull` holds the hull's distance at the nodes of
     /// `grid`, positive inside. `None` where nothing is carved, and where there are few views.
-    pub fn sweep(views: &[TrainingView], grid: &VoxelGrid, hull: &[f32], pixels: usize) -> Option<Self> {
+    ///
+    /// # Errors
+    /// [`Cancelled`] where somebody wants it to end.
+    pub fn sweep(
+        views: &[TrainingView],
+        grid: &VoxelGrid,
+        hull: &[f32],
+        pixels: usize,
+        cancellation: &Cancellation,
+    ) -> Result<Option<Self>, Cancelled> {
         if views.len() < MIN_VIEWS {
-            return None;
+            return Ok(None);
         }
         let pictures: Vec<Shrunk> = views.par_iter().map(|view| Shrunk::new(view, 0.5 * grid.spacing())).collect();
         let objects: usize = pictures.iter().map(|picture| picture.object_pixels()).sum();
         let stride = ((objects as f64 / pixels.max(1) as f64).sqrt().ceil() as usize).max(1);
-        let sweep = Sweep { views, pictures: &pictures, grid, hull };
+        cancellation.check()?;
+        let sweep = Sweep { views, pictures: &pictures, grid, hull, cancellation };
         let depths: Vec<DepthGrid> = (0..views.len()).into_par_iter().map(|view| sweep.depths(view, stride)).collect();
+        cancellation.check()?;
         let is_empty: Vec<bool> = (0..grid.len())
             .into_par_iter()
             .map(|node| hull[node] > 0.0 && sweep.is_seen_through(&depths, grid.position(node)))
             .collect();
         let carved = reachable(grid, hull, &is_empty);
-        carved.contains(&true).then(|| Self { grid: *grid, values: smoothed(grid, &carved) })
+        Ok(carved.contains(&true).then(|| Self { grid: *grid, values: smoothed(grid, &carved) }))
     }
 
     /// The value at a point; large where nothing is carved nearby.
@@ -86,7 +97,7 @@ struct Shrunk {
 
 impl Shrunk {
     fn new(view: &TrainingView, footprint: f32) -> Self {
-        let factor = ((footprint / view.footprint()) as usize).max(1);
+        let factor = ((footprint / view.camera.footprint()) as usize).max(1);
         let [width, height] = view.size().map(|side| side as usize / factor);
         let mean = |x: usize, y: usize| {
             let pixels = (0..factor * factor).map(|i| (x * factor + i % factor, y * factor + i / factor));
@@ -163,6 +174,7 @@ struct Sweep<'a> {
     pictures: &'a [Shrunk],
     grid: &'a VoxelGrid,
     hull: &'a [f32],
+    cancellation: &'a Cancellation,
 }
 
 impl Sweep<'_> {
@@ -180,13 +192,15 @@ impl Sweep<'_> {
 
     /// The z-depth of a pixel, where one matches and no other.
     fn depth(&self, view: usize, x: usize, y: usize) -> Option<f32> {
+        self.cancellation.check().ok()?;
         let (own, picture) = (&self.views[view], &self.pictures[view]);
         let patch = picture.patch(x, y).filter(|patch| patch.variance > MIN_VARIANCE)?;
         let step = 0.5 * self.grid.spacing();
-        let [near, far] = self.inside(own.center, own.direction_through(picture.middle(x, y)), step)?;
+        let [near, far] = self.inside(own.camera.center, own.camera.direction_through(picture.middle(x, y)), step)?;
         let side = 2 * HALF + 1;
-        let directions: [Vec3; SAMPLES] =
-            std::array::from_fn(|i| own.direction_through(picture.middle(x + i % side - HALF, y + i / side - HALF)));
+        let directions: [Vec3; SAMPLES] = std::array::from_fn(|i| {
+            own.camera.direction_through(picture.middle(x + i % side - HALF, y + i / side - HALF))
+        });
         let likeness: Vec<f32> = (0..=((far - near) / step) as usize)
             .map(|k| self.likeness(own, &patch, &directions, near + k as f32 * step))
             .collect();
@@ -219,7 +233,7 @@ impl Sweep<'_> {
         let mut best = [-1f32; 2];
         for &other in own.neighbours.iter().take(LOOKED_IN) {
             let (view, picture) = (&self.views[other as usize], &self.pictures[other as usize]);
-            let sample = |i: usize| picture.sample(view.project(own.center + depth * directions[i]).0);
+            let sample = |i: usize| picture.sample(view.camera.project(own.camera.center + depth * directions[i]).0);
             if sample(SAMPLES / 2).is_nan() {
                 continue;
             }
@@ -239,7 +253,7 @@ impl Sweep<'_> {
         let margin = self.grid.spacing();
         let (mut through, mut solid) = (0, 0);
         for ((view, picture), depths) in self.views.iter().zip(self.pictures).zip(depths) {
-            let (pixel, z) = view.project(point);
+            let (pixel, z) = view.camera.project(point);
             let Some(depth) = depths.near(pixel / picture.factor as f32).filter(|_| z > 0.0) else { continue };
             through += usize::from(z < depth - margin);
             solid += usize::from((z - depth).abs() <= margin);
@@ -305,7 +319,6 @@ mod tests {
 
     use crate::config::GridConfig;
     use crate::trainer::GridTrainer;
-    use dvr_core::ViewSplit;
 
     use super::*;
 
@@ -316,7 +329,7 @@ mod tests {
         let scene = write_scene(&case, "bowl", 0, folder.path()).unwrap();
         let scene = read_scene(&scene, &ReadOptions::default()).unwrap();
         let config = GridConfig { plane_sweep_pixels, ..GridConfig::default() };
-        let trainer = GridTrainer::new(ViewSplit::new(&scene, 8).unwrap(), config).unwrap();
+        let trainer = GridTrainer::new(scene.views.iter().collect(), Vec::new(), config).unwrap();
         let field = trainer.field().unwrap();
         // The bowl's axis is y, turned like this; its rim is at .18, its floor between -.18 and -.1.
         let turn = Quat::from_euler(EulerRot::XYZ, 0.5, 0.3, 0.2);

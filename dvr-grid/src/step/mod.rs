@@ -6,8 +6,8 @@
 //! [`StepBackend`]s and pass the tests of `suite`.
 
 mod backend;
-mod cpu;
-mod draw;
+pub(crate) mod cpu;
+pub(crate) mod draw;
 #[cfg(feature = "gpu")]
 mod gpu;
 #[cfg(any(test, feature = "gpu"))]

@@ -9,6 +9,7 @@ mod tests;
 
 use burn::module::Module;
 use burn::tensor::{Device, Int, Tensor};
+use dvr_core::number_range::{NumberRange, whole};
 use serde::{Deserialize, Serialize};
 
 pub use codes::Codes;
@@ -52,6 +53,12 @@ fn width() -> usize {
     32
 }
 
+impl EncoderConfig {
+    /// The range of every number of any kind.
+    pub const RANGES: &[NumberRange] =
+        &[whole("image_size", 16, 4096), whole("width", 1, 1024), whole("objects", 0, 10_000_000)];
+}
+
 impl Default for EncoderConfig {
     /// The paper's.
     fn default() -> Self {
@@ -65,6 +72,20 @@ impl EncoderConfig {
         match self {
             Self::Resnet18 { image_size } | Self::Convolutional { image_size, .. } => Some(*image_size),
             Self::Codes { .. } => None,
+        }
+    }
+
+    /// How many numbers the encoder has at least: its largest layers.
+    pub fn parameters(&self, code_dim: usize) -> u64 {
+        let code_dim = code_dim as u64;
+        match *self {
+            Self::Resnet18 { .. } => code_dim.saturating_mul(512),
+            Self::Convolutional { width, .. } => {
+                let width = width.max(1) as u64;
+                let last = width.saturating_mul(width).saturating_mul(8 * 16 * 9);
+                last.saturating_add(code_dim.saturating_mul(width.saturating_mul(16)))
+            }
+            Self::Codes { objects } => (objects as u64).saturating_mul(code_dim),
         }
     }
 

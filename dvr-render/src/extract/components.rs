@@ -73,6 +73,17 @@ mod tests {
     }
 
     #[test]
+    fn shares_are_of_the_area_wherever_the_pieces_lie() {
+        // Twice the edge is four times the area.
+        let corners = |at: Vec3, edge: f32| [at, at + edge * Vec3::X, at + edge * Vec3::Y];
+        let vertices = [corners(Vec3::new(5.0, -3.0, 2.0), 2.0), corners(Vec3::new(-4.0, 1.0, 7.0), 1.0)].concat();
+        let mesh = Mesh { vertices, faces: vec![[0, 1, 2], [3, 4, 5]], ..Mesh::default() };
+        for (min_share, dropped) in [(0.24, 0), (0.25, 0), (0.26, 1)] {
+            assert_eq!(drop_small_components(&mut mesh.clone(), min_share), dropped, "{min_share}");
+        }
+    }
+
+    #[test]
     fn a_share_of_zero_keeps_every_piece() {
         let mut mesh = two_components();
         assert_eq!(drop_small_components(&mut mesh, 0.0), 0);

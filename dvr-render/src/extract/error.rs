@@ -1,5 +1,7 @@
 //! Why there is no mesh.
 
+use dvr_core::Cancelled;
+use dvr_core::number_range::OutOfRange;
 use glam::Vec3;
 
 /// Result of an extraction.
@@ -8,6 +10,9 @@ pub type Result<T> = std::result::Result<T, ExtractError>;
 /// Why a field gave no mesh, with the values found and what to do.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ExtractError {
+    /// Somebody wanted it to end.
+    #[error("{0}")]
+    Cancelled(#[from] Cancelled),
     /// The level set does not meet the cube, not even on the final grid.
     #[error(
         "there is no surface: all {evaluations} logits on the grid of {resolution}^3 cells lie {} the level {level} \
@@ -57,13 +62,6 @@ pub enum ExtractError {
         answers: usize,
     },
     /// A setting that cannot be used.
-    #[error("{name} = {value} cannot be used. {remedy}")]
-    Setting {
-        /// Name of the setting.
-        name: &'static str,
-        /// The value found.
-        value: String,
-        /// What it may be, one sentence with its full stop.
-        remedy: &'static str,
-    },
+    #[error(transparent)]
+    Setting(#[from] OutOfRange),
 }

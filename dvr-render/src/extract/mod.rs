@@ -64,7 +64,7 @@ pub fn extract_mesh<F: ScalarField + ?Sized>(
     settings.check()?;
     let half_extent = settings.cube.half_extent();
     let seeds: Vec<Vec3> = seeds.iter().copied().filter(|seed| settings.cube.contains(seed.as_dvec3())).collect();
-    let mut sampler = Sampler::new(field, settings.level, settings.max_points);
+    let mut sampler = Sampler::new(field, settings.level, settings.max_points, settings.cancellation.clone());
     let mut evaluations = Evaluations::default();
     let mut warnings = Vec::new();
 
@@ -79,7 +79,7 @@ pub fn extract_mesh<F: ScalarField + ?Sized>(
     if cut > 0 {
         warnings.push(ExtractWarning::CutByCube { vertices: cut });
     }
-    let colors = vertex_colors(field, &vertices, &normals, settings.max_points)?;
+    let colors = vertex_colors(field, &vertices, &normals, settings)?;
     let mesh = Mesh { vertices, faces, normals: Some(normals), colors, observations: None };
     Ok(Extraction { mesh, resolution, evaluations, components, dropped_components, warnings })
 }
@@ -89,10 +89,12 @@ fn vertex_colors<F: ScalarField + ?Sized>(
     field: &F,
     vertices: &[Vec3],
     normals: &[Vec3],
-    max_points: usize,
+    settings: &ExtractSettings,
 ) -> Result<Option<Vec<[f32; 3]>>> {
+    let max_points = settings.max_points;
     let mut colors = Vec::with_capacity(vertices.len());
     for (points, normals) in vertices.chunks(max_points).zip(normals.chunks(max_points)) {
+        settings.cancellation.check()?;
         let Some(batch) = field.colors(points, normals, None) else { return Ok(None) };
         check("colors", points, &batch, |color| color.iter().all(|channel| channel.is_finite()))?;
         colors.extend(batch.into_iter().map(|color| color.map(|channel| channel.clamp(0.0, 1.0))));

@@ -17,6 +17,7 @@ pub(super) fn field_normals<F: ScalarField + ?Sized>(
 ) -> Result<Vec<Vec3>> {
     let mut normals = Vec::with_capacity(points.len());
     for batch in points.chunks(sampler.max_points) {
+        sampler.cancellation.check()?;
         let gradients = match sampler.field.gradients(batch) {
             Some(gradients) => {
                 check("gradients", batch, &gradients, |gradient| gradient.is_finite())?;
@@ -69,12 +70,14 @@ pub(super) fn face_normals(vertices: &[Vec3], faces: &[[u32; 3]]) -> Vec<Vec3> {
 
 #[cfg(test)]
 mod tests {
+    use dvr_core::Cancellation;
+
     use super::*;
 
     #[test]
     fn where_the_field_is_flat_the_faces_tell_the_normal() {
         let flat = |points: &[Vec3]| vec![0.5; points.len()];
-        let mut sampler = Sampler::new(&flat, 0.0, 2);
+        let mut sampler = Sampler::new(&flat, 0.0, 2, Cancellation::default());
         let normals = field_normals(&mut sampler, &[Vec3::ZERO; 3], 0.1, &[Vec3::X, Vec3::Y, Vec3::Z]).unwrap();
         assert_eq!(normals, [Vec3::X, Vec3::Y, Vec3::Z]);
     }
@@ -82,7 +85,7 @@ mod tests {
     #[test]
     fn a_saturated_field_still_has_finite_normals() {
         let step = |points: &[Vec3]| points.iter().map(|p| if p.x < 0.0 { f32::INFINITY } else { -1e38 }).collect();
-        let mut sampler = Sampler::new(&step, 0.0, 8);
+        let mut sampler = Sampler::new(&step, 0.0, 8, Cancellation::default());
         assert_eq!(field_normals(&mut sampler, &[Vec3::ZERO], 0.1, &[Vec3::Y]).unwrap(), [Vec3::X]);
     }
 

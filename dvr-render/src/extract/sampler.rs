@@ -1,5 +1,6 @@
 //! Asking a field in batches, and the counting and checking of its answers.
 
+use dvr_core::Cancellation;
 use glam::Vec3;
 
 use super::error::{ExtractError, Result};
@@ -12,6 +13,8 @@ pub(super) struct Sampler<'a, F: ?Sized> {
     pub level: f32,
     /// The most points in a batch.
     pub max_points: usize,
+    /// Asked before each batch.
+    pub cancellation: Cancellation,
     /// Points evaluated so far.
     pub evaluations: usize,
     /// Smallest and largest logit seen so far.
@@ -20,14 +23,16 @@ pub(super) struct Sampler<'a, F: ?Sized> {
 
 impl<'a, F: ScalarField + ?Sized> Sampler<'a, F> {
     /// A sampler that has seen nothing.
-    pub fn new(field: &'a F, level: f32, max_points: usize) -> Self {
-        Self { field, level, max_points, evaluations: 0, range: (f32::INFINITY, f32::NEG_INFINITY) }
+    pub fn new(field: &'a F, level: f32, max_points: usize, cancellation: Cancellation) -> Self {
+        let range = (f32::INFINITY, f32::NEG_INFINITY);
+        Self { field, level, max_points, cancellation, evaluations: 0, range }
     }
 
     /// Logits relative to the level, finite.
     pub fn values(&mut self, points: &[Vec3]) -> Result<Vec<f32>> {
         let mut values = Vec::with_capacity(points.len());
         for batch in points.chunks(self.max_points) {
+            self.cancellation.check()?;
             let logits = self.field.logits(batch);
             check("logits", batch, &logits, |logit| !logit.is_nan())?;
             for logit in logits {

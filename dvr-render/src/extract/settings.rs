@@ -1,11 +1,18 @@
 //! What can be turned in an extraction.
 
-use dvr_core::UnitCube;
+use dvr_core::number_range::{NumberRange, OutOfRange, above, check_config, real, whole};
+use dvr_core::{Cancellation, UnitCube};
 
-use super::error::{ExtractError, Result};
+use super::error::Result;
 
 /// The most cells per edge. Beyond it, a single-precision vertex cannot be distinguished from the grid's node beside it.
-const MAX_RESOLUTION: usize = 2048;
+const MAX_RESOLUTION: u64 = 2048;
+
+/// Bytes of a cell on the surface: in the grid, as vertices and faces, and while it is coloured and written.
+const CELL_BYTES: u64 = 600;
+
+/// Bytes of a node of the coarse grid.
+const NODE_BYTES: u64 = 16;
 
 /// How the crossed edges of the grid become triangles. Both give closed, oriented manifolds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -59,6 +66,9 @@ pub struct ExtractSettings {
     pub min_component_share: f64,
     /// The most points the field is evaluated at in one batch.
     pub max_points: usize,
+    /// Ends the extraction early, with [`ExtractError::Cancelled`](super::ExtractError::Cancelled).
+    #[serde(skip)]
+    pub cancellation: Cancellation,
 }
 
 impl Default for ExtractSettings {
@@ -74,6 +84,7 @@ impl Default for ExtractSettings {
             normals: NormalSource::default(),
             min_component_share: 0.0,
             max_points: 65_536,
+            cancellation: Cancellation::default(),
         }
     }
 }
@@ -81,31 +92,33 @@ impl Default for ExtractSettings {
 impl ExtractSettings {
     /// Cells along an edge of the coarse grid; the settings must have been checked.
     pub(super) fn coarse_resolution(&self) -> usize {
-        self.resolution.div_ceil(1 << self.upsampling_steps)
+        self.resolution.div_ceil(1 << self.upsampling_steps.min(usize::BITS as usize - 1))
+    }
+
+    /// The range of every number.
+    pub const RANGES: &[NumberRange] = &[
+        whole("resolution", 1, MAX_RESOLUTION),
+        whole("upsampling_steps", 0, MAX_RESOLUTION.ilog2() as u64),
+        above("cube.padding", -1.0, 10.0),
+        real("level", -1e6, 1e6),
+        whole("refinement_steps", 0, 1000),
+        real("min_component_share", 0.0, 1.0),
+        whole("max_points", 1, u64::MAX),
+    ];
+
+    /// Bytes that an extraction takes at most, about: of a surface that is as large as that of the cube, with twice as
+    /// many faces as cells, and of the coarse grid.
+    pub fn memory_estimate(&self) -> u64 {
+        let cells = 6 * (self.resolution as u64).saturating_pow(2);
+        let coarse = (self.coarse_resolution() as u64 + 3).saturating_pow(3);
+        cells.saturating_mul(CELL_BYTES).saturating_add(coarse.saturating_mul(NODE_BYTES))
     }
 
     pub(super) fn check(&self) -> Result<()> {
-        let refuse = |name, value: String, remedy| Err(ExtractError::Setting { name, value, remedy });
-        if !(1..=MAX_RESOLUTION).contains(&self.resolution) {
-            return refuse("resolution", self.resolution.to_string(), "It must be between 1 and 2048 cells.");
-        }
+        check_config(self, Self::RANGES)?;
         if self.upsampling_steps > self.resolution.ilog2() as usize {
-            let remedy =
-                "The coarse grid would have less than one cell: 2^upsampling_steps must not exceed resolution.";
-            return refuse("upsampling_steps", self.upsampling_steps.to_string(), remedy);
-        }
-        if !(self.cube.padding > -1.0 && self.cube.padding.is_finite()) {
-            return refuse("cube.padding", self.cube.padding.to_string(), "It must be above -1; 0.1 is usual.");
-        }
-        if !self.level.is_finite() {
-            return refuse("level", self.level.to_string(), "It must be a finite logit; 0 is usual.");
-        }
-        if !(0.0..=1.0).contains(&self.min_component_share) {
-            let remedy = "It must lie between 0 (keep all) and 1 (keep the largest).";
-            return refuse("min_component_share", self.min_component_share.to_string(), remedy);
-        }
-        if self.max_points == 0 {
-            return refuse("max_points", "0".to_owned(), "It must be at least 1; 65536 is usual.");
+            let range = "such that 2^upsampling_steps does not exceed resolution: the coarse grid would have no cell";
+            return Err(OutOfRange::new("upsampling_steps", self.upsampling_steps, range).into());
         }
         Ok(())
     }

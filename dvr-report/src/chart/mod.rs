@@ -11,7 +11,7 @@
 //! let chart = Chart {
 //!     title: "Quality against time".into(),
 //!     x: Axis::log("training time, s"),
-//!     y: Axis::linear("held-out PSNR, dB"),
+//!     y: Axis::linear("test PSNR, dB"),
 //!     series: vec![curve],
 //!     pareto: Some([Better::Less, Better::More]),
 //! };

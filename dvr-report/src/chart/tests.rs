@@ -92,6 +92,6 @@ fn a_grid_shows_numbers_failures_and_holes() {
 
 #[test]
 fn titles_become_names_of_files() {
-    assert_eq!(file_name("Held-out PSNR, dB (bunny)"), "held-out-psnr-db-bunny");
+    assert_eq!(file_name("Test-view PSNR, dB (bunny)"), "test-view-psnr-db-bunny");
     assert_eq!(file_name("???"), "chart");
 }

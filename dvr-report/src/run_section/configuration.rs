@@ -1,6 +1,6 @@
 //! The settings of a run, its times and its notes.
 
-use dvr_train::RunMetrics;
+use dvr_train::{RunMetrics, ViewNames};
 
 use crate::diagnostics::sentence;
 use crate::html::{count, escape, seconds};
@@ -19,13 +19,14 @@ pub(super) fn configuration(summary: &RunSummary) -> String {
         vec!["data".into(), header.scene.display().to_string()],
     ];
     if let Some(scene) = &summary.scene {
-        let [train, held_out, test] = scene.views;
+        let [train, validation, test] = scene.views;
         let views = format!(
-            "{train} to train on, {held_out} held out, {test} for testing; first of {}\u{d7}{}",
+            "{train} to train on, {validation} for validation, {test} for testing; first of {}\u{d7}{}",
             scene.size.0, scene.size.1
         );
         facts.push(vec!["layout".into(), scene.format.clone()]);
         facts.push(vec!["photographs".into(), views]);
+        facts.extend(header.views.iter().flat_map(parts));
         let edge = crate::html::number(header.object_to_world.scale, 4);
         facts.push(vec!["object cube".into(), format!("its edge is {edge} units of the scene")]);
     }
@@ -51,6 +52,18 @@ pub(super) fn configuration(summary: &RunSummary) -> String {
     )
 }
 
+/// Which views are for what, by name, and why.
+fn parts(views: &ViewNames) -> Vec<Vec<String>> {
+    let named = [
+        ("trained on", &views.train),
+        ("for validation (they choose during the run)", &views.validation),
+        ("for testing (nothing is chosen by them)", &views.test),
+    ];
+    let named = named.into_iter().filter(|(_, names)| !names.is_empty());
+    let rows = named.map(|(part, names)| vec![part.to_owned(), names.join(", ")]);
+    rows.chain([vec!["how they were divided".into(), sentence(&views.rule)]]).collect()
+}
+
 /// Notes of training: how fine the field became.
 fn notes(metrics: &RunMetrics) -> String {
     if metrics.notes.is_empty() {
@@ -58,7 +71,7 @@ fn notes(metrics: &RunMetrics) -> String {
     }
     let notes: String = metrics.notes.iter().map(|note| format!("<li>{}</li>", escape(&sentence(note)))).collect();
     format!(
-        "<h3>Resolution of the field</h3><p>The number of cells per edge is doubled while that improves held-out views, \
+        "<h3>Resolution of the field</h3><p>The number of cells per edge is doubled while that improves validation views, \
          and the last doubling is reverted when it does not.</p><ol class=\"notes\">{notes}</ol>"
     )
 }

@@ -1,9 +1,9 @@
 //! The main figures of a run, as tiles and tables show them.
 
-use dvr_train::{ObjectsMetrics, RunMetrics};
+use dvr_train::{ObjectsMetrics, PointsEvaluation, RunMetrics};
 
 use crate::coverage::Coverage;
-use crate::html::{bytes, count, seconds};
+use crate::html::{bytes, count, number, seconds};
 use crate::summary::{Figures, RunSummary};
 
 /// Name, value and explanation of each figure.
@@ -31,11 +31,11 @@ impl List {
 
 /// What the reconstruction of a scene is worth.
 fn quality(list: &mut List, metrics: &RunMetrics) {
-    if let Some(held_out) = metrics.held_out_mesh {
-        let explanation = "of the coloured mesh in views that were not trained on, on white";
-        list.add("PSNR", format!("{:.2} dB", held_out.psnr), explanation);
-        let explanation = "of the mesh and the masks of views that were not trained on";
-        list.add("Silhouette IoU", format!("{:.4}", held_out.mask_iou), explanation);
+    if let Some(test) = metrics.test_mesh {
+        let explanation = "of the coloured mesh in test views, by which nothing was learned or chosen, on white";
+        list.add("PSNR", format!("{:.2} dB", test.psnr), explanation);
+        let explanation = "of the mesh and the masks of test views, by which nothing was learned or chosen";
+        list.add("Silhouette IoU", format!("{:.4}", test.mask_iou), explanation);
     }
     if let (Some(surface), Some(_)) = (&metrics.shape.surface, metrics.mesh) {
         let explanation = "against the true surface, in edges of the object cube; papers print ten times that";
@@ -48,8 +48,39 @@ fn quality(list: &mut List, metrics: &RunMetrics) {
             list.add("Normals", format!("{:.3}", normals.mean), "mean cosine with the true surface's normals");
         }
     }
+    if let (Some(seen), Some(_)) = (&metrics.shape.seen, metrics.mesh) {
+        let explanation = "Chamfer-L1 of the surface that at least two views see";
+        list.add("where seen", format!("{:.4}", seen.score.chamfer_l1), explanation);
+    }
     if let Some(iou) = metrics.shape.volume_iou {
         list.add("Volume IoU", format!("{iou:.3}"), "against the true occupancy");
+    }
+    if let Some(points) = &metrics.points {
+        of_points(list, points);
+    }
+}
+
+/// The mesh against points that are known to lie on the surface.
+fn of_points(list: &mut List, PointsEvaluation { source, not_independent, score }: &PointsEvaluation) {
+    let [mean, median] = [score.distances.mean, score.distances.median].map(|length| number(length, 3));
+    let caution = not_independent.as_ref().map_or(String::new(), |reason| format!("; not independent: {reason}"));
+    let explanation = format!(
+        "mean and median distance of {} {source} to the mesh, in units of the scene{caution}",
+        count(score.points)
+    );
+    list.add("Verified points", format!("{mean} / {median}"), &explanation);
+    if let Some(floor) = &score.floor {
+        let explanation = "what the true surface would score: tracks split in two and triangulated apart";
+        list.add("their floor", format!("{} / {}", number(floor.mean, 3), number(floor.median, 3)), explanation);
+    }
+    if let Some(hidden) = &score.hidden {
+        let share = hidden.blocked_sights.unwrap_or(hidden.hidden_from_all);
+        let explanation = format!(
+            "share of {} that the mesh blocks by more than {} units of the scene",
+            if hidden.blocked_sights.is_some() { "lines of sight to these points" } else { "these points" },
+            number(hidden.margin, 3)
+        );
+        list.add("Hidden points", format!("{:.1} %", 100.0 * share), &explanation);
     }
 }
 

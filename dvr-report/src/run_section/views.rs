@@ -1,4 +1,4 @@
-//! Held-out views: the photograph beside the mesh, maps, and their figures.
+//! Test views: the photograph beside the mesh, maps, and their figures.
 
 use std::fmt::Write;
 
@@ -8,7 +8,7 @@ use crate::html::escape;
 use crate::pictures::{LARGEST_ERROR, ViewPictures};
 use crate::summary::RunSummary;
 
-/// Held-out views: sliders, maps and their figures.
+/// Test views: sliders, maps and their figures.
 pub(super) fn views(summary: &RunSummary) -> String {
     if summary.views.is_empty() {
         return String::new();
@@ -18,10 +18,10 @@ pub(super) fn views(summary: &RunSummary) -> String {
     let _ = write!(
         html,
         "<p>{} Drag the line: photograph to its left, mesh to its right.</p>",
-        if summary.views_are_held_out {
-            "These photographs were not trained on."
+        if summary.views_are_for_testing {
+            "Nothing was learned from these photographs, and nothing chosen by them."
         } else {
-            "No view was held out; these photographs were trained on."
+            "There are no test views; these photographs were trained on."
         }
     );
     if summary.views.len() > 1 {

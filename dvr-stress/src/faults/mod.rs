@@ -3,8 +3,8 @@
 mod cameras;
 mod masks;
 
-use dvr_core::Camera;
 use dvr_core::synth::Shot;
+use dvr_core::{Camera, HOLD_OUT_EVERY, HeldOut};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
@@ -30,10 +30,6 @@ pub struct Faults {
     /// How far the object is from the centre of the frame, in frames: at a half, its centre lies on the border.
     pub aside: f64,
 }
-
-/// Views that training holds out by default: one in eight, the middle one. Wrong masks are put elsewhere, so that they
-/// are trained on.
-const HELD_OUT: (usize, usize) = (8, 4);
 
 impl Faults {
     /// Whether the stated cameras are wrong.
@@ -74,10 +70,10 @@ pub fn displace_camera(camera: &mut Camera, degrees: f64, share: f64, rng: &mut 
     cameras::turn(camera, degrees, rng);
 }
 
-/// Views with wrong masks: evenly spread among those that are trained on.
+/// Views with wrong masks: evenly spread among those that are trained on with default settings.
 pub(crate) fn wrong_views(views: usize, wrong: usize) -> Vec<usize> {
-    let (every, held) = HELD_OUT;
-    let eligible: Vec<usize> = (0..views).filter(|view| view % every != held).collect();
+    let HeldOut { validation, test } = HeldOut::of(views, HOLD_OUT_EVERY);
+    let eligible: Vec<usize> = (0..views).filter(|view| !validation.contains(view) && !test.contains(view)).collect();
     let wrong = wrong.min(eligible.len());
     (0..wrong).map(|i| eligible[(2 * i + 1) * eligible.len() / (2 * wrong)]).collect()
 }
@@ -98,7 +94,7 @@ mod tests {
         for wrong in [0, 1, 3, 8] {
             let views = wrong_views(24, wrong);
             assert_eq!(views.len(), wrong);
-            assert!(views.iter().all(|view| view % 8 != 4), "{views:?}");
+            assert!(views.iter().all(|view| view % 8 != 4 && view % 16 != 8), "{views:?}");
             assert!(views.windows(2).all(|pair| pair[0] < pair[1]));
         }
     }

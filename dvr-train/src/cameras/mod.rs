@@ -10,15 +10,13 @@ mod photograph;
 mod pose;
 
 use std::collections::BTreeMap;
-use std::sync::atomic::{AtomicBool, Ordering};
 
-use dvr_core::{Camera, Scene, Similarity};
+use dvr_core::{Camera, Cancellation, Scene, Similarity, Split, ViewSplit};
 use dvr_grid::GridField;
 use rayon::prelude::*;
 
 use crate::error::Result;
 use crate::observer::Observer;
-use dvr_core::ViewSplit;
 use dvr_grid::{Capacity, DisagreeingViews, GridConfig, GridTrainer};
 use photograph::SmoothPhotograph;
 use pose::{Aligned, Marks, align};
@@ -86,45 +84,53 @@ impl RefinedCameras {
     }
 }
 
-/// Moves the cameras of all views of `scene` to where they fit together, in at most so many rounds; `None` where it was
-/// interrupted, and the scene is as it was.
+/// Moves the cameras of all views of `scene` to where they fit together, in at most so many rounds.
 ///
-/// Fields are trained as `config` says, on training views alone. Views that are held out or for testing are moved too,
-/// to be comparable, but nothing is learned from them.
+/// Fields are trained as `config` says, on training views alone. Views for validation and for testing are moved too, to be
+/// comparable, but nothing is learned from them, and when the cameras have settled does not depend on them.
 ///
 /// # Errors
-/// When the scene has too few views, a view has no mask, or the masks show no object.
+/// When the scene has too few views, a view has no mask, or the masks show no object; [`crate::Error::Cancelled`] where
+/// somebody wants it to end. The scene is then as it was.
 pub fn refine_cameras(
     scene: &mut Scene,
     config: &GridConfig,
     rounds: usize,
-    interrupted: &AtomicBool,
+    cancellation: &Cancellation,
     observer: &mut dyn Observer,
-) -> Result<Option<RefinedCameras>> {
+) -> Result<RefinedCameras> {
     scene.require_masks()?;
     let given: Vec<Camera> = scene.views.iter().map(|view| view.camera.clone()).collect();
+    let refined = moved_cameras(scene, config, rounds, cancellation, observer, &given);
+    refined.inspect_err(|_| restore(scene, &given))
+}
+
+/// As [`refine_cameras`], but for an error, after which the cameras are somewhere.
+fn moved_cameras(
+    scene: &mut Scene,
+    config: &GridConfig,
+    rounds: usize,
+    cancellation: &Cancellation,
+    observer: &mut dyn Observer,
+    given: &[Camera],
+) -> Result<RefinedCameras> {
     let marks: Vec<Marks> = scene.views.par_iter().map(Marks::new).collect();
-    let is_training: Vec<bool> = {
-        let views = ViewSplit::new(scene, config.hold_out_every)?;
-        scene.views.iter().map(|view| views.train.iter().any(|train| std::ptr::eq(*train, view))).collect()
-    };
+    let is_training: Vec<bool> = scene.views.iter().map(|view| view.split == Split::Train).collect();
     observer.phase("refining the cameras", rounds);
     let mut moved = 0.0;
     let mut done = 0;
     while done < rounds {
         let phase = usize::from(done >= COARSE_ROUNDS);
-        let Some(Coarse { field, .. }) = coarse(scene, config, CELLS[phase], interrupted)? else {
-            restore(scene, &given);
-            return Ok(None);
-        };
+        let Coarse { field, .. } = coarse(scene, config, CELLS[phase], cancellation)?;
         let spacing = f64::from(field.shape().grid.spacing());
-        let aligned: Vec<Aligned> = (scene.views.par_iter().zip(&given).zip(&marks))
+        let aligned: Vec<Aligned> = (scene.views.par_iter().zip(given).zip(&marks))
             .map(|((view, given), marks)| {
+                cancellation.check()?;
                 let cell = spacing * magnification(&view.camera);
                 let photo = SmoothPhotograph::new(&view.image, (BLUR[phase] * cell) as f32);
-                align(&view.camera, given, marks, &photo, &field, cell)
+                Ok(align(&view.camera, given, marks, &photo, &field, cell))
             })
-            .collect();
+            .collect::<Result<_>>()?;
         // Where the whole stands, how it is turned and how large it is stays as given; where that is not determined,
         // all stays.
         let in_training = |i: &usize| is_training[*i];
@@ -135,8 +141,12 @@ pub fn refine_cameras(
         .unwrap_or_default();
         let cameras: Vec<Camera> = aligned.iter().map(|aligned| aligned.camera.into_world(&gauge)).collect();
         let before: Vec<Camera> = scene.views.iter().map(|view| view.camera.clone()).collect();
-        let step = displacement(&before, &cameras, &aligned, &gauge);
-        moved = displacement(&given, &cameras, &aligned, &gauge);
+        // Photographs that nothing is learned from have no say in when the cameras have settled.
+        let moved_from = |before: &[Camera]| {
+            displacement((0..aligned.len()).filter(in_training).map(|i| (&before[i], &cameras[i], &aligned[i])), &gauge)
+        };
+        let step = moved_from(&before);
+        moved = moved_from(given);
         scene.views.iter_mut().zip(cameras).for_each(|(view, camera)| view.camera = camera);
         done += 1;
         observer.progress(done, &format!("{moved:.2} pixels off where they were"));
@@ -145,10 +155,9 @@ pub fn refine_cameras(
         }
     }
     let refined: Vec<Camera> = scene.views.iter().map(|view| view.camera.clone()).collect();
-    let with_refined = coarse(scene, config, CELLS[1], interrupted)?;
-    restore(scene, &given);
-    let with_given = coarse(scene, config, CELLS[1], interrupted)?;
-    let (Some(with_refined), Some(with_given)) = (with_refined, with_given) else { return Ok(None) };
+    let with_refined = coarse(scene, config, CELLS[1], cancellation)?;
+    restore(scene, given);
+    let with_given = coarse(scene, config, CELLS[1], cancellation)?;
     let mut cameras = BTreeMap::new();
     if with_refined.loss < WORTH * with_given.loss {
         restore(scene, &refined);
@@ -157,7 +166,7 @@ pub fn refine_cameras(
     let loss = [with_given.loss, with_refined.loss];
     let refined = RefinedCameras { cameras, moved_pixels: moved, loss, rounds: done };
     observer.note(&refined.note());
-    Ok(Some(refined))
+    Ok(refined)
 }
 
 fn restore(scene: &mut Scene, given: &[Camera]) {
@@ -171,8 +180,8 @@ struct Coarse {
     loss: f64,
 }
 
-/// Trains a field of so many cells; `None` where it was interrupted.
-fn coarse(scene: &Scene, config: &GridConfig, cells: usize, interrupted: &AtomicBool) -> Result<Option<Coarse>> {
+/// Trains a field of so many cells.
+fn coarse(scene: &Scene, config: &GridConfig, cells: usize, cancellation: &Cancellation) -> Result<Coarse> {
     let config = GridConfig {
         capacity: Capacity::Cells(cells),
         first_cells: config.first_cells.min(cells),
@@ -182,16 +191,14 @@ fn coarse(scene: &Scene, config: &GridConfig, cells: usize, interrupted: &Atomic
         plane_sweep_pixels: 0,
         ..config.clone()
     };
-    let mut trainer = GridTrainer::new(ViewSplit::new(scene, config.hold_out_every)?, config)?;
+    let mut trainer = GridTrainer::start(ViewSplit::of(scene)?.train, Vec::new(), config, cancellation)?;
     let mut losses = Vec::new();
     while trainer.steps_done() < trainer.total_steps() {
-        if interrupted.load(Ordering::Relaxed) {
-            return Ok(None);
-        }
+        cancellation.check()?;
         losses.push(trainer.step()?.loss);
     }
     let last = &losses[losses.len().saturating_sub(COMPARED_STEPS)..];
-    Ok(Some(Coarse { field: trainer.field()?, loss: last.iter().sum::<f64>() / last.len().max(1) as f64 }))
+    Ok(Coarse { field: trainer.field()?, loss: last.iter().sum::<f64>() / last.len().max(1) as f64 })
 }
 
 /// Pixels of an object unit at the object's distance.
@@ -199,11 +206,11 @@ fn magnification(camera: &Camera) -> f64 {
     camera.intrinsics.x_axis.x / camera.center().length().max(0.1)
 }
 
-/// Root mean square of how far the surface points that each view sees move in its picture as its camera changes, in
-/// pixels.
-fn displacement(before: &[Camera], after: &[Camera], aligned: &[Aligned], gauge: &Similarity) -> f64 {
+/// Root mean square of how far the surface points that each view sees move in its picture as its camera changes from
+/// the first to the second, in pixels.
+fn displacement<'a>(views: impl Iterator<Item = (&'a Camera, &'a Camera, &'a Aligned)>, gauge: &Similarity) -> f64 {
     let (mut sum, mut count) = (0.0, 0usize);
-    for ((before, after), aligned) in before.iter().zip(after).zip(aligned) {
+    for (before, after, aligned) in views {
         for point in &aligned.points {
             let point = gauge.transform_point(*point);
             sum += (before.project(point).0 - after.project(point).0).length_squared();

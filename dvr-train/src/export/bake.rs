@@ -4,7 +4,7 @@
 //! is known, its colours can be read where they are sharp.
 
 use dvr_core::mesh::Mesh;
-use dvr_core::{Bilinear, Observation, Sight, View, Visibility};
+use dvr_core::{Bilinear, Cancellation, Cancelled, Observation, Sight, View, Visibility};
 use glam::DVec2;
 use rayon::prelude::*;
 
@@ -22,26 +22,30 @@ struct Shown {
 ///
 /// A vertex takes the weighted median of the views that see it best (most frontally, from the shortest distance in
 /// pixels), channel by channel: a highlight or a wrong mask in one of them does not count.
-pub fn bake_colors(mesh: &mut Mesh, views: &[&View]) -> usize {
+///
+/// # Errors
+/// [`Cancelled`] where somebody wants it to end; the mesh is then as it was.
+pub fn bake_colors(mesh: &mut Mesh, views: &[&View], cancellation: &Cancellation) -> Result<usize, Cancelled> {
     let visibility = Visibility::new(mesh);
     let seen: Vec<(Observation, Option<[f32; 3]>)> = (0..mesh.vertices.len())
         .into_par_iter()
         .map(|vertex| {
+            cancellation.check()?;
             let sees = |(i, view): (usize, &&View)| visibility.sight(vertex, i, &view.camera);
             let sights: Vec<Sight> = views.iter().enumerate().filter_map(sees).collect();
             let mut shown: Vec<Shown> = sights.iter().filter_map(|sight| shown(views[sight.view], sight)).collect();
             shown.sort_by(|a, b| b.weight.total_cmp(&a.weight));
             shown.truncate(BEST_VIEWS);
             let color = (!shown.is_empty()).then(|| [0, 1, 2].map(|channel| weighted_median(&shown, channel)));
-            (Observation::of(sights.iter().map(|sight| sight.cosine)), color)
+            Ok((Observation::of(sights.iter().map(|sight| sight.cosine)), color))
         })
-        .collect();
+        .collect::<Result<_, Cancelled>>()?;
     let count = seen.iter().filter(|(_, color)| color.is_some()).count();
     if let Some(colors) = &mut mesh.colors {
         colors.iter_mut().zip(&seen).for_each(|(color, (_, seen))| *color = seen.unwrap_or(*color));
     }
     mesh.observations = Some(seen.into_iter().map(|(observation, _)| observation).collect());
-    count
+    Ok(count)
 }
 
 /// What a view that sees a vertex shows there; `None` where that is not the object.
@@ -112,7 +116,7 @@ mod tests {
     fn vertices_take_the_colour_of_the_view_that_faces_them_and_unseen_ones_keep_theirs() {
         let mut mesh = ball();
         let views = [view(DVec3::Z * 2.0, [255, 0, 0]), view(DVec3::Y * 2.0, [0, 255, 0])];
-        let seen = bake_colors(&mut mesh, &views.iter().collect::<Vec<_>>());
+        let seen = bake_colors(&mut mesh, &views.iter().collect::<Vec<_>>(), &Cancellation::default()).unwrap();
         assert!(seen > mesh.vertices.len() / 3 && seen < mesh.vertices.len());
         let color_near = |direction: Vec3| {
             let nearest = (0..mesh.vertices.len())
@@ -135,7 +139,7 @@ mod tests {
             view(DVec3::new(0.2, 0.0, 2.0), [200, 100, 50]),
             view(DVec3::new(0.0, 0.0, 2.0), [255, 255, 255]),
         ];
-        bake_colors(&mut mesh, &views.iter().collect::<Vec<_>>());
+        bake_colors(&mut mesh, &views.iter().collect::<Vec<_>>(), &Cancellation::default()).unwrap();
         let front =
             (0..mesh.vertices.len()).max_by(|&a, &b| mesh.vertices[a].z.total_cmp(&mesh.vertices[b].z)).unwrap();
         assert!((mesh.colors.unwrap()[front][1] - 100.0 / 255.0).abs() < 1e-6);
@@ -149,7 +153,7 @@ mod tests {
         mesh = shapes::union([mesh, screen]);
         mesh.normals = Some(shapes::vertex_normals(&mesh.vertices, &mesh.faces));
         mesh.colors = Some(vec![[0.0, 0.0, 1.0]; mesh.vertices.len()]);
-        bake_colors(&mut mesh, &[&view(DVec3::Z * 2.0, [255, 0, 0])]);
+        bake_colors(&mut mesh, &[&view(DVec3::Z * 2.0, [255, 0, 0])], &Cancellation::default()).unwrap();
         assert!(mesh.colors.unwrap()[..ball_vertices].iter().all(|&c| c == [0.0, 0.0, 1.0]));
     }
 }

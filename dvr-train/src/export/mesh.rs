@@ -2,6 +2,7 @@
 
 use dvr_core::mesh::Mesh;
 use dvr_core::{Camera, Similarity, View, Visibility};
+use dvr_render::extract::ExtractError;
 use dvr_render::extract::{ExtractSettings, Extraction, ScalarField, extract_mesh};
 use glam::Vec3;
 
@@ -45,7 +46,8 @@ impl MeshOptions {
 /// settings' smallest share stay where photographs show them.
 ///
 /// # Errors
-/// When the field has no surface in the cube; the message says what to try.
+/// When the field has no surface in the cube; the message says what to try. [`Error::Cancelled`] where the extraction's
+/// token says so.
 pub fn object_mesh(
     field: &dyn ScalarField,
     options: &MeshOptions,
@@ -54,11 +56,16 @@ pub fn object_mesh(
 ) -> Result<Extraction> {
     // Small pieces are dropped where no photograph shows them, which the field cannot know.
     let all = ExtractSettings { min_component_share: 0.0, ..options.extraction.clone() };
+    let cancellation = &options.extraction.cancellation;
     let extracted = extract_mesh(field, &all, seeds);
-    let mut extracted = extracted.map_err(|e| Error::NoMesh(e.to_string()))?;
+    let mut extracted = extracted.map_err(|error| match error {
+        ExtractError::Cancelled(cancelled) => Error::Cancelled(cancelled),
+        error => Error::NoMesh(error.to_string()),
+    })?;
     let dropped = drop_unshown(&mut extracted.mesh, options.extraction.min_component_share, views);
     extracted.dropped_components += dropped;
     extracted.components -= dropped;
+    cancellation.check()?;
     if options.max_simplification > 0.0 {
         extracted.mesh = extracted.mesh.simplified(options.max_simplification);
     }
@@ -66,7 +73,7 @@ pub fn object_mesh(
         return Ok(extracted);
     }
     if options.colors == ColorSource::Photos {
-        bake_colors(&mut extracted.mesh, views);
+        bake_colors(&mut extracted.mesh, views, cancellation)?;
     } else {
         let cameras: Vec<&Camera> = views.iter().map(|view| &view.camera).collect();
         extracted.mesh.observations = Some(Visibility::new(&extracted.mesh).observe(&cameras));

@@ -1,9 +1,10 @@
 //! The figures of a finished run.
 
+use dvr_core::ViewNames;
 use dvr_render::ViewMetrics;
 use serde::{Deserialize, Serialize};
 
-use crate::evaluate::ShapeEvaluation;
+use crate::evaluate::{PointsEvaluation, ShapeEvaluation};
 use crate::resources::Resources;
 
 /// The figures of a finished run: `metrics.json`.
@@ -31,10 +32,17 @@ pub struct RunMetrics {
     pub mesh: Option<[usize; 2]>,
     /// The shape against the truth, where the scene has it.
     pub shape: ShapeEvaluation,
-    /// Renders of the field against held-out views, on an even subset of their pixels.
-    pub held_out: Option<ViewMetrics>,
+    /// The mesh against the points that come with the scene, where it brings any; in the units of its files.
+    #[serde(default)]
+    pub points: Option<PointsEvaluation>,
+    /// Which views were trained on, which chose during the run (growth, best step), and which are tested on.
+    pub views: ViewNames,
+    /// Renders of the field against test views, on an even subset of their pixels: nothing was chosen by these.
+    pub test: Option<ViewMetrics>,
     /// Renders of the coloured mesh, unlit, against the same pixels: what the user takes home.
-    pub held_out_mesh: Option<ViewMetrics>,
+    pub test_mesh: Option<ViewMetrics>,
+    /// Renders of the field against validation views, which the run was guided by: no measure of quality.
+    pub validation: Option<ViewMetrics>,
     /// What the process has cost until here, reading and mesh included.
     pub resources: Resources,
     /// What the user should know.

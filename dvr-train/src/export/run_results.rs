@@ -3,17 +3,18 @@
 use std::time::Instant;
 
 use dvr_core::mesh::{Mesh, write_mesh};
-use dvr_core::{Scene, View, ViewSplit};
+use dvr_core::metrics::points::PointsSettings;
+use dvr_core::{Camera, Cancellation, Scene, View, ViewSplit};
 use dvr_render::extract::Extraction;
 use dvr_render::{MeshShader, Shader, view_metrics};
 use image::RgbImage;
 
 use crate::error::{Error, Result};
-use crate::evaluate::evaluate_shape;
+use crate::evaluate::{PointsEvaluation, evaluate_shape};
 use crate::export::mesh::{MeshOptions, object_mesh, world_mesh};
 use crate::export::preview::preview_sheet;
 use crate::export::run_metrics::RunMetrics;
-use crate::export::views::{surface_points, unseen_views};
+use crate::export::views::surface_points;
 use crate::methods::method::Method;
 use crate::observer::Observer;
 use crate::resources::Resources;
@@ -23,8 +24,8 @@ use crate::run::options::Trained;
 /// Samples across the cube where a network is rendered.
 const SAMPLES: usize = 128;
 
-/// Pixels of held-out views that the final figures look at. (Evaluation looks at all.)
-const HELD_OUT_PIXELS: usize = 40_000;
+/// Pixels of test views, and of validation views, that the final figures look at. (Evaluation looks at all.)
+const FIGURE_PIXELS: usize = 40_000;
 
 /// Rays that look for parts of the surface which the extraction's coarse grid may miss.
 const SEED_RAYS: usize = 2_000;
@@ -44,36 +45,50 @@ pub struct RunResults {
 }
 
 impl RunResults {
-    /// Extracts, renders and measures what was trained.
+    /// Extracts, renders and measures what the method has trained, on the scene as [`train`](crate::train()) left it.
     ///
     /// A field without a surface is no error: the figures say so.
     ///
     /// # Errors
-    /// When a picture or the scene's ground truth is broken.
-    pub fn new(scene: &Scene, trained: &Trained, options: &MeshOptions, observer: &mut dyn Observer) -> Result<Self> {
+    /// When a picture or the scene's ground truth is broken; [`Error::Cancelled`] where the token of the extraction's
+    /// settings says so.
+    pub fn new(
+        scene: &Scene,
+        method: &dyn Method,
+        trained: &Trained,
+        options: &MeshOptions,
+        observer: &mut dyn Observer,
+    ) -> Result<Self> {
         let Trained { model, outcome } = trained;
         let common = outcome.header.common;
-        let views = ViewSplit::new(scene, common.hold_out_every)?;
-        let mut laps = Laps::new(observer);
+        let views = ViewSplit::of(scene)?;
+        let mut laps = Laps::new(observer, &options.extraction.cancellation);
         let mut warnings = scene.warnings.clone();
         let mesh = extract(trained, options, &views, &mut warnings)?;
-        laps.done("mesh");
+        laps.done("mesh")?;
 
-        let held_out = unseen_views(scene, &views);
-        let shown = spread(if held_out.is_empty() { &views.train } else { &held_out }, PREVIEW.0);
+        let shown = spread(if views.test.is_empty() { &views.train } else { &views.test }, PREVIEW.0);
         // The sheet shows the mesh, which is what the user keeps, where there is one.
         let shader = model.shader(SAMPLES);
         let mesh_shader = mesh.as_ref().map(MeshShader::new);
         let kept = mesh_shader.as_ref().map_or(shader.as_ref(), |shader| shader as &dyn Shader);
         let preview = preview_sheet(kept, &shown, PREVIEW.1);
-        laps.done("preview");
+        laps.done("preview")?;
 
-        let of_field = view_metrics(shader.as_ref(), &held_out, HELD_OUT_PIXELS);
-        let of_mesh = mesh_shader.as_ref().and_then(|shader| view_metrics(shader, &held_out, HELD_OUT_PIXELS));
-        laps.done("held-out views");
+        let of_field = |views: &[&View]| view_metrics(shader.as_ref(), views, FIGURE_PIXELS);
+        let (test, validation) = (of_field(&views.test), of_field(&views.validation));
+        let test_mesh = mesh_shader.as_ref().and_then(|shader| view_metrics(shader, &views.test, FIGURE_PIXELS));
+        laps.done("test and validation views")?;
         let empty = Mesh::default();
-        let shape = evaluate_shape(mesh.as_ref().unwrap_or(&empty), &scene.ground_truth, common.seed)?;
-        laps.done("shape against the truth");
+        let cameras: Vec<&Camera> = scene.views.iter().map(|view| &view.camera).collect();
+        let shape = evaluate_shape(mesh.as_ref().unwrap_or(&empty), &scene.ground_truth, &cameras, common.seed)?;
+        let in_world = mesh.as_ref().map(|mesh| world_mesh(mesh, &outcome.header.object_to_world));
+        let trained_on_points = method.needs().sparse_points;
+        let points = match &in_world {
+            Some(mesh) => PointsEvaluation::of_scene(mesh, scene, trained_on_points, &PointsSettings::default())?,
+            None => None,
+        };
+        laps.done("shape against the truth")?;
         let metrics = RunMetrics {
             scene: scene.name.clone(),
             supervision: common.supervision.to_string(),
@@ -86,16 +101,18 @@ impl RunResults {
             model_seconds: outcome.header.seconds,
             mesh: mesh.as_ref().map(|mesh| [mesh.vertices.len(), mesh.faces.len()]),
             shape,
-            held_out: of_field,
-            held_out_mesh: of_mesh,
+            points,
+            views: outcome.header.views.clone().unwrap_or_default(),
+            test,
+            test_mesh,
+            validation,
             resources: Resources::now(),
             warnings,
             notes: outcome.header.notes.clone(),
             finishing_seconds: laps.seconds,
             measuring_seconds: outcome.measuring_seconds,
         };
-        let mesh = mesh.map(|mesh| world_mesh(&mesh, &outcome.header.object_to_world));
-        Ok(Self { mesh, preview, metrics })
+        Ok(Self { mesh: in_world, preview, metrics })
     }
 
     /// Writes mesh (PLY and GLB), preview sheet and figures into a run's folder.
@@ -126,7 +143,7 @@ pub fn finish(
     options: &MeshOptions,
     observer: &mut dyn Observer,
 ) -> Result<RunResults> {
-    let results = RunResults::new(scene, trained, options, observer)?;
+    let results = RunResults::new(scene, method, trained, options, observer)?;
     results.save(folder)?;
     if method.is_compact() {
         trained.outcome.final_model().save(&folder.scene_file())?;
@@ -161,18 +178,20 @@ struct Laps<'o> {
     clock: Instant,
     seconds: Vec<(String, f64)>,
     observer: &'o mut dyn Observer,
+    cancellation: &'o Cancellation,
 }
 
 impl<'o> Laps<'o> {
-    fn new(observer: &'o mut dyn Observer) -> Self {
+    fn new(observer: &'o mut dyn Observer, cancellation: &'o Cancellation) -> Self {
         observer.phase("mesh, preview and figures", 4);
-        Self { clock: Instant::now(), seconds: Vec::new(), observer }
+        Self { clock: Instant::now(), seconds: Vec::new(), observer, cancellation }
     }
 
-    fn done(&mut self, part: &str) {
+    fn done(&mut self, part: &str) -> Result<()> {
         self.seconds.push((part.to_owned(), self.clock.elapsed().as_secs_f64()));
         self.clock = Instant::now();
         self.observer.progress(self.seconds.len(), part);
+        Ok(self.cancellation.check()?)
     }
 }
 

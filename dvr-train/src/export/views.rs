@@ -1,14 +1,8 @@
-//! Which views a run is measured on, and what they see of its surface.
+//! What views see of a surface.
 
-use dvr_core::{Ray, Scene, Split, View, ViewSplit};
+use dvr_core::{Ray, View};
 use dvr_render::{Shaded, Shader};
 use glam::Vec3;
-
-/// The views that were not trained on: the test split where there is one, else what was held out for validation.
-pub fn unseen_views<'a>(scene: &'a Scene, views: &ViewSplit<'a>) -> Vec<&'a View> {
-    let test: Vec<&View> = scene.views_of(Split::Test).collect();
-    if test.is_empty() { views.held_out.clone() } else { test }
-}
 
 /// Points on the surface that object pixels of `views` see: seeds for the extraction.
 pub fn surface_points(shader: &dyn Shader, views: &[&View], rays: usize) -> Vec<Vec3> {

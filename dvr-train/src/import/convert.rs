@@ -116,8 +116,9 @@ pub fn import(found: &mut PytorchCheckpoint, options: ImportOptions, device: &De
         scene: scene.path,
         reading: scene.reading,
         object_to_world: scene.object_to_world,
-        held_out: Vec::new(),
+        views: None,
         cameras: BTreeMap::new(),
+        refine_cameras: 0,
         notes: Vec::new(),
     };
     Ok(Checkpoint { header, state })
@@ -281,7 +282,8 @@ mod tests {
     fn training_goes_on_with_the_moments_of_the_file() {
         let checkpoint = import(&mut found(0), ImportOptions::default(), &Device::flex()).unwrap();
         let base = TrainConfig::classic(Supervision::Rgb);
-        let config: TrainConfig = overridden(&base, &checkpoint.header.method.config, &[]).unwrap();
+        let config: TrainConfig =
+            overridden(&base, &checkpoint.header.method.config, &[], &TrainConfig::ranges()).unwrap();
         assert_eq!((checkpoint.header.step, config.learning_rate), (10, 0.01));
         let tracking = Device::flex().autodiff();
         let decoder: Decoder = restore_module(&checkpoint.state.model, config.model.init(&tracking)).unwrap();

@@ -51,7 +51,7 @@ const WITHOUT_MEANING: [(&str, &str); 16] = [
         "training.scheduler_milestones",
         "they count passes over the dataset; here milestones_percent counts percent of the run",
     ),
-    ("training.model_selection", "the held-out pictures, or their silhouettes, choose the best checkpoint"),
+    ("training.model_selection", "the validation pictures, or their silhouettes, choose the best checkpoint"),
     ("training.use_cube_intersection", "rays are always searched inside the object's cube"),
     ("training.always_freespace", "background rays always count for free space"),
     ("training.out_dir", "the folder is given on the command line"),
@@ -86,7 +86,7 @@ impl ReferenceConfig {
     /// The configuration for a single scene, where this is one.
     pub(crate) fn of_scene(&self) -> Option<TrainConfig> {
         let train = self.train.clone();
-        self.encoder.is_none().then(|| TrainConfig { rays: train.rays * self.images_per_step, ..train })
+        self.encoder.is_none().then(|| TrainConfig { rays: train.rays.saturating_mul(self.images_per_step), ..train })
     }
 
     /// The configuration for a dataset of many objects, where this is one.
@@ -104,7 +104,7 @@ impl ReferenceConfig {
 /// Adds what a file says, and before it what it inherits.
 fn inherit(path: &Path, values: &mut BTreeMap<String, Value>, most: usize) -> Result<()> {
     let refuse = |problem: String| Error::BrokenFile { path: path.to_owned(), problem };
-    let text = std::fs::read_to_string(path).map_err(|e| dvr_core::Error::io(path, e))?;
+    let text = dvr_core::files::read_text(path)?;
     let value: Value = serde_saphyr::from_str(&text).map_err(|e| {
         let line = e.to_string().lines().next().unwrap_or_default().to_owned();
         refuse(format!("this is no YAML ({line})"))

@@ -26,7 +26,7 @@ impl<F: Crossing + Module> Learner for Trainer<'_, F> {
         let march = MarchSettings { steps: 64, ..MarchSettings::default() };
         let settings = RenderSettings { march, ..RenderSettings::default() };
         let field = self.frozen();
-        view_metrics(&FieldShader::new(&field, settings, self.bound()), &self.views().held_out, pixels)
+        view_metrics(&FieldShader::new(&field, settings, self.bound()), self.validation(), pixels)
     }
 
     fn model(&self) -> Result<Vec<u8>> {

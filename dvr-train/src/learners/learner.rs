@@ -28,7 +28,7 @@ pub trait Learner {
     /// Steps after which training is done. May fall while training goes on, where nothing more is gained.
     fn total_steps(&self) -> usize;
 
-    /// Metrics on held-out views on about so many of their pixels; `None` where none are held out.
+    /// Metrics on about so many pixels of the validation views; `None` where there are none.
     fn validate(&self, pixels: usize) -> Option<ViewMetrics>;
 
     /// What it has learned so far, as [`crate::Method::load`] takes it.

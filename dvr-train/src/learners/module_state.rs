@@ -23,6 +23,18 @@ pub(crate) fn module_state<M: Module>(module: M, optimizer: &ModuleOptimizer) ->
     Ok(LearnerState { model: module_bytes(module)?, training })
 }
 
+/// Refuses a configuration of more numbers than its stored parameters have bytes, before a module is made of it.
+///
+/// # Errors
+/// With both figures.
+pub(crate) fn check_holds(bytes: &[u8], parameters: u64) -> Result<()> {
+    if parameters <= bytes.len() as u64 {
+        return Ok(());
+    }
+    let problem = format!("it asks for {parameters} numbers, and the parameters have {} bytes", bytes.len());
+    Err(Error::Misfit { problem })
+}
+
 /// Puts stored parameters into a module.
 ///
 /// # Errors

@@ -66,7 +66,11 @@ mod tests {
             format: "test",
             views: vec![view("a", DVec3::Z * 2.0), view("b", DVec3::X * 2.0)],
             object_to_world: Similarity::default(),
-            sparse_points: Some(SparsePoints { cloud, visible_in: vec![vec![0, 1], vec![1]] }),
+            sparse_points: Some(SparsePoints {
+                cloud,
+                visible_in: vec![vec![0, 1], vec![1]],
+                ..SparsePoints::default()
+            }),
             ground_truth: GroundTruth::default(),
             warnings: Vec::new(),
         }
@@ -85,7 +89,7 @@ mod tests {
     }
 
     #[test]
-    fn held_out_views_and_scenes_without_points_give_no_targets() {
+    fn views_that_are_not_trained_on_and_scenes_without_points_give_no_targets() {
         let mut scene = scene();
         assert_eq!(SparseTargets::new(&scene, &[&scene.views[0]]).len(), 1);
         scene.sparse_points = None;

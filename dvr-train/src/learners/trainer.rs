@@ -3,7 +3,7 @@
 use burn::module::Module;
 use burn::optim::ModuleOptimizer;
 use burn::tensor::Device;
-use dvr_core::{Ray, UnitCube, ViewSplit};
+use dvr_core::{Ray, UnitCube, View};
 use dvr_render::{Crossing, Rays, SkipGrid};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -41,7 +41,8 @@ impl Work {
 /// A field in training.
 pub struct Trainer<'a, F> {
     config: TrainConfig,
-    views: ViewSplit<'a>,
+    train: Vec<&'a View>,
+    validation: Vec<&'a View>,
     devices: DataParallel,
     bound: Option<SkipGrid>,
     sparse: SparseTargets,
@@ -59,11 +60,13 @@ pub(crate) fn step_rng(seed: u64, stream: u64) -> ChaCha8Rng {
 }
 
 impl<'a, F: Crossing + Module> Trainer<'a, F> {
-    /// Takes a field on `device.autodiff()`; `device` itself is without autodiff.
-    pub fn new(field: F, views: ViewSplit<'a>, config: TrainConfig, device: Device) -> Self {
+    /// Takes a field on `device.autodiff()`, the views to learn from, and those that validate; `device` itself is without
+    /// autodiff.
+    pub fn new(field: F, train: Vec<&'a View>, validation: Vec<&'a View>, config: TrainConfig, device: Device) -> Self {
         let sparse = SparseTargets::default();
         let devices = DataParallel::one(device);
-        Self { config, views, devices, bound: None, sparse, field, optimizer: adam(), step: 0, last: None }
+        let optimizer = adam();
+        Self { config, train, validation, devices, bound: None, sparse, field, optimizer, step: 0, last: None }
     }
 
     /// Shares each step with other devices, which are without autodiff too: every one takes as many of its rays.
@@ -89,9 +92,9 @@ impl<'a, F: Crossing + Module> Trainer<'a, F> {
         &self.config
     }
 
-    /// The views, divided.
-    pub fn views(&self) -> &ViewSplit<'a> {
-        &self.views
+    /// The views that validate.
+    pub fn validation(&self) -> &[&'a View] {
+        &self.validation
     }
 
     /// Where the object can be, if that was said.
@@ -154,7 +157,7 @@ impl<'a, F: Crossing + Module> Trainer<'a, F> {
     fn draw(&self, rng: &mut ChaCha8Rng) -> Work {
         let config = &self.config;
         let mut pixels = Pixels::default();
-        pixels.draw(&self.views.train, config.sampling(), rng);
+        pixels.draw(&self.train, config.sampling(), rng);
         let noise = StepNoise::draw(config, pixels.len(), rng);
         let sparse_points = if config.losses.sparse_depth > 0.0 { config.losses.sparse_points } else { 0 };
         Work { pixels, noise, sparse: self.sparse.draw(sparse_points, rng) }

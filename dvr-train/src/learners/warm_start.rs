@@ -4,19 +4,16 @@
 //! way: no ray hits them, so no ray moves them. The hull is cheap, needs nothing but masks and cameras, and contains
 //! the object.
 
-use std::sync::atomic::{AtomicBool, Ordering};
-
 use burn::module::Module;
 use burn::optim::GradientsParams;
 use burn::tensor::{Device, Tensor, TensorData};
 use dvr_core::hull::{HullSettings, VisualHull};
-use dvr_core::{UnitCube, View};
+use dvr_core::{Cancellation, Cancelled, UnitCube, View};
 use dvr_render::{Field, Query, SkipGrid};
 use glam::Vec3;
 use rand::Rng;
 
 use crate::config::TrainConfig;
-use crate::error::Result;
 use crate::learners::adam::adam;
 use crate::learners::losses;
 use crate::learners::trainer::step_rng;
@@ -25,17 +22,20 @@ use crate::learners::trainer::step_rng;
 const SHARE_NEAR: f64 = 0.5;
 
 /// Fits the occupancy of `field` to the hull of the views' masks. `progress` hears the step after each.
+///
+/// # Errors
+/// [`Cancelled`] where somebody wants it to end.
 pub fn warm_start<F: Field + Module>(
     mut field: F,
     hull: &VisualHull,
     config: &TrainConfig,
     device: &Device,
-    interrupted: &AtomicBool,
+    cancellation: &Cancellation,
     mut progress: impl FnMut(usize),
-) -> F {
+) -> Result<F, Cancelled> {
     let voxels: Vec<Vec3> = hull.centers().map(|center| center.as_vec3()).collect();
     if voxels.is_empty() {
-        return field;
+        return Ok(field);
     }
     let settings = &config.hull;
     let mut optimizer = adam();
@@ -63,11 +63,9 @@ pub fn warm_start<F: Field + Module>(
         let gradients = GradientsParams::from_grads(loss.backward(), &field);
         field = optimizer.step(config.learning_rate, field, gradients);
         progress(step + 1);
-        if interrupted.load(Ordering::Relaxed) {
-            break;
-        }
+        cancellation.check()?;
     }
-    field
+    Ok(field)
 }
 
 /// The hull of some views in the unit cube.
@@ -77,7 +75,7 @@ pub fn warm_start<F: Field + Module>(
 ///
 /// # Errors
 /// When a mask has another size than its camera's image.
-pub fn carve_hull(views: &[&View], resolution: usize) -> Result<VisualHull> {
+pub fn carve_hull(views: &[&View], resolution: usize) -> crate::error::Result<VisualHull> {
     let pairs: Vec<_> = views.iter().filter_map(|view| view.training_pair()).collect();
     let settings = HullSettings { max_disagreeing: views.len() / 20, ..HullSettings::default() };
     Ok(VisualHull::carve(&pairs, UnitCube::default().into(), resolution, &settings)?)

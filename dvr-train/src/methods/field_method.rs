@@ -7,13 +7,14 @@ use std::sync::Arc;
 
 use burn::module::Module;
 use burn::tensor::Device;
+use dvr_core::View;
 use dvr_render::Crossing;
 use serde_json::Value;
 
 use crate::config::TrainConfig;
 use crate::error::Result;
 use crate::learners::learner::Learner;
-use crate::learners::module_state::restore_module;
+use crate::learners::module_state::{check_holds, restore_module};
 use crate::learners::sparse::SparseTargets;
 use crate::learners::trainer::Trainer;
 use crate::learners::warm_start::{carve_hull, hull_bound, warm_start};
@@ -22,6 +23,10 @@ use crate::methods::method::{Method, Needs, Schedule, Start, check_scene_supervi
 use crate::methods::overrides::{overridden, visible};
 use crate::methods::record::CommonSettings;
 use crate::methods::trained_model::TrainedModel;
+
+/// Bytes of a voxel of the hull while it is carved, and of a pixel of the silhouettes that carve it.
+const HULL_VOXEL: u64 = 4;
+const SILHOUETTE_PIXEL: u64 = 8;
 
 type MakeField<F> = Arc<dyn Fn(&TrainConfig, &Device) -> F + Send + Sync>;
 type SaveConfigured<F> = Arc<dyn Fn(&TrainConfig, &F, &Path) -> Result<()> + Send + Sync>;
@@ -114,7 +119,7 @@ impl<F: Crossing + Module + 'static> Method for FieldMethod<F> {
     }
 
     fn with_overrides(&self, overrides: &Value) -> Result<Box<dyn Method>> {
-        let config = overridden(&self.config, overrides, self.hidden())?;
+        let config = overridden(&self.config, overrides, self.hidden(), &TrainConfig::ranges())?;
         Ok(Box::new(Self { config, ..self.clone() }))
     }
 
@@ -128,6 +133,10 @@ impl<F: Crossing + Module + 'static> Method for FieldMethod<F> {
         Schedule { validate_every, checkpoint_every, best: Some(|found| found.psnr) }
     }
 
+    fn takes_more_steps(&self) -> bool {
+        true
+    }
+
     fn needs(&self) -> Needs {
         let losses = &self.config.losses;
         Needs { depth: losses.depth > 0.0, sparse_points: losses.sparse_depth > 0.0 }
@@ -135,26 +144,29 @@ impl<F: Crossing + Module + 'static> Method for FieldMethod<F> {
 
     /// The field, fitted to the visual hull unless its parameters come from a checkpoint.
     fn start<'a>(&self, start: Start<'a, '_>) -> Result<Box<dyn Learner + 'a>> {
-        let Start { scene, views, device, data_parallel, is_resumed, interrupted, observer } = start;
+        let Start { scene, train, validation, device, data_parallel, is_resumed, cancellation, observer } = start;
         let config = &self.config;
         device.seed(config.seed);
         let mut field = (self.make)(config, &device.clone().autodiff());
-        let hull = carve_hull(&views.train, config.hull.resolution)?;
+        let hull = carve_hull(&train, config.hull.resolution)?;
         if hull.is_empty() {
             observer.note("the masks have no visual hull in common: training starts from noise");
         }
         if !is_resumed && !hull.is_empty() && config.hull.warm_start_steps > 0 {
             observer.phase("fitting the visual hull", config.hull.warm_start_steps);
             let progress = |done| observer.progress(done, "");
-            field = warm_start(field, &hull, config, &device, interrupted, progress);
+            field = warm_start(field, &hull, config, &device, cancellation, progress)?;
         }
         let bound = if config.hull.bound_rays { hull_bound(&hull) } else { None };
-        let sparse = SparseTargets::new(scene, &views.train);
-        let trainer = Trainer::new(field, views, config.clone(), device).data_parallel(data_parallel);
+        let sparse = SparseTargets::new(scene, &train);
+        let trainer = Trainer::new(field, train, validation, config.clone(), device).data_parallel(data_parallel);
         Ok(Box::new(trainer.with_bound(bound).with_sparse_targets(sparse)))
     }
 
     fn load(&self, model: &[u8], device: &Device) -> Result<Box<dyn TrainedModel>> {
+        if self.has_decoder_settings {
+            check_holds(model, self.config.model.parameters())?;
+        }
         let field = restore_module(model, (self.make)(&self.config, device))?.valid();
         let parameters = field.num_params();
         let (save, config) = (self.save.clone(), self.config.clone());
@@ -164,6 +176,12 @@ impl<F: Crossing + Module + 'static> Method for FieldMethod<F> {
 
     fn rays(&self) -> Option<RangeInclusive<usize>> {
         Some(self.config.sampling().patch_pixels()..=self.config.rays)
+    }
+
+    fn host_memory(&self, train: &[&View]) -> u64 {
+        let hull = (self.config.hull.resolution as u64).saturating_pow(3) * HULL_VOXEL;
+        let pixels = |view: &&View| u64::from(view.image.width()) * u64::from(view.image.height());
+        self.memory_estimate(None) + hull + train.iter().map(pixels).sum::<u64>() * SILHOUETTE_PIXEL
     }
 
     fn memory_estimate(&self, rays: Option<usize>) -> u64 {

@@ -1,7 +1,7 @@
 //! A field on a multi-resolution voxel grid: seconds a scene.
 
 use burn::tensor::Device;
-use dvr_core::Supervision;
+use dvr_core::{Supervision, View};
 #[cfg(feature = "gpu")]
 use dvr_grid::GpuGridField;
 use dvr_grid::{GridConfig, GridTrainer, grid_file};
@@ -63,7 +63,7 @@ impl Method for GridMethod {
     }
 
     fn with_overrides(&self, overrides: &Value) -> Result<Box<dyn Method>> {
-        Ok(Box::new(Self { name: self.name, config: overridden(&self.config, overrides, &[])? }))
+        Ok(Box::new(Self { name: self.name, config: overridden(&self.config, overrides, &[], &GridConfig::ranges())? }))
     }
 
     fn check(&self) -> Result<()> {
@@ -84,7 +84,8 @@ impl Method for GridMethod {
             return Err(Error::OneDevice { method: self.name.to_owned() });
         }
         start.observer.phase("measuring the masks", 1);
-        Ok(Box::new(GridTrainer::new(start.views, self.config.clone())?.on(&start.device)?))
+        let Start { train, validation, device, cancellation, .. } = start;
+        Ok(Box::new(GridTrainer::start(train, validation, self.config.clone(), cancellation)?.on(&device)?))
     }
 
     fn load(&self, model: &[u8], device: &Device) -> Result<Box<dyn TrainedModel>> {
@@ -96,6 +97,10 @@ impl Method for GridMethod {
         }
         let _ = device;
         Ok(Box::new(GridModel(field)))
+    }
+
+    fn host_memory(&self, train: &[&View]) -> u64 {
+        self.config.memory_estimate(train)
     }
 
     fn hardware(&self) -> Hardware {

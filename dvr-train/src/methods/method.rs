@@ -2,10 +2,9 @@
 
 use std::fmt::Debug;
 use std::ops::RangeInclusive;
-use std::sync::atomic::AtomicBool;
 
 use burn::tensor::Device;
-use dvr_core::{Scene, Supervision, ViewSplit};
+use dvr_core::{Cancellation, Scene, SparsePoints, Supervision, View};
 use dvr_grid::GridConfig;
 use serde_json::Value;
 
@@ -87,10 +86,22 @@ pub trait Method: Debug + Send + Sync {
         0
     }
 
+    /// Bytes of main memory that training on these views takes at most, about, besides the photographs and the program:
+    /// by default that of a step, as if it were computed on the CPU.
+    fn host_memory(&self, train: &[&View]) -> u64 {
+        let _ = train;
+        self.memory_estimate(None)
+    }
+
     /// How the coarse field is trained with which cameras are refined.
     fn camera_refinement(&self) -> GridConfig {
         let CommonSettings { supervision, seed, hold_out_every, .. } = self.common();
         GridConfig { seed, hold_out_every, ..GridConfig::new(supervision) }
+    }
+
+    /// Whether a run can be resumed with another number of steps: not where steps are those of each stage.
+    fn takes_more_steps(&self) -> bool {
+        false
     }
 
     /// The configuration for a dataset of many objects, where this is the method for such.
@@ -129,7 +140,7 @@ impl dyn Method + '_ {
         if depth && !scene.views_of(dvr_core::Split::Train).any(|view| view.depth.is_some()) {
             return Err(Error::NeedsDepth { supervision, scene: scene.name.clone() });
         }
-        if sparse_points && scene.sparse_points.is_none() {
+        if sparse_points && !scene.sparse_points.as_ref().is_some_and(SparsePoints::has_tracks) {
             return Err(Error::NeedsSparsePoints { scene: scene.name.clone() });
         }
         Ok(())
@@ -138,18 +149,20 @@ impl dyn Method + '_ {
 
 /// What a learner starts from.
 pub struct Start<'a, 'o> {
-    /// The scene.
+    /// The scene, for what it has besides views.
     pub scene: &'a Scene,
-    /// Its views, divided.
-    pub views: ViewSplit<'a>,
+    /// The views to learn from.
+    pub train: Vec<&'a View>,
+    /// The views that choices during the run go by.
+    pub validation: Vec<&'a View>,
     /// The device that holds the parameters, without autodiff.
     pub device: Device,
     /// Devices that share each step with it, without autodiff too.
     pub data_parallel: Vec<Device>,
     /// Whether the parameters will come from a checkpoint.
     pub is_resumed: bool,
-    /// Set from outside to stop early.
-    pub interrupted: &'o AtomicBool,
+    /// Asks to stop early.
+    pub cancellation: &'o Cancellation,
     /// Hears how long it takes.
     pub observer: &'o mut dyn Observer,
 }

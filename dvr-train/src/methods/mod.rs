@@ -8,6 +8,7 @@ pub(crate) mod field_method;
 mod field_model;
 pub(crate) mod grid;
 mod grid_model;
+pub(crate) mod host_memory;
 pub(crate) mod hull;
 pub(crate) mod memory_estimate;
 pub(crate) mod method;

@@ -72,6 +72,10 @@ impl Method for ObjectsMethod {
         Schedule { validate_every, checkpoint_every, best: Some(|found| found.mask_iou) }
     }
 
+    fn takes_more_steps(&self) -> bool {
+        true
+    }
+
     fn start<'a>(&self, _: Start<'a, '_>) -> Result<Box<dyn Learner + 'a>> {
         Err(Error::NeedsObjects { method: self.name.to_owned() })
     }

@@ -1,5 +1,6 @@
 //! Configurations of which some values are replaced.
 
+use dvr_core::number_range::{NumberRange, check_numbers};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
@@ -16,15 +17,18 @@ pub(crate) fn visible<T: Serialize>(config: &T, hidden: &[&str]) -> Result<Value
     Ok(value)
 }
 
-/// A configuration with some values replaced by those of a JSON object, which may not name `hidden` keys.
+/// A configuration with some values replaced by those of a JSON object, which may not name `hidden` keys; every number
+/// is in its range.
 pub(crate) fn overridden<T: Serialize + for<'de> Deserialize<'de>>(
     config: &T,
     overrides: &Value,
     hidden: &[&str],
+    ranges: &[NumberRange],
 ) -> Result<T> {
     let bad = |e: serde_json::Error| Error::BadConfig { problem: e.to_string() };
     let mut value = visible(config, hidden)?;
     overlay(&mut value, overrides, "")?;
+    check_numbers(&value, ranges)?;
     let whole = serde_json::to_value(config).map_err(bad)?;
     for key in hidden {
         restore(&mut value, &whole, &key.split('.').collect::<Vec<_>>());
@@ -72,6 +76,7 @@ fn overlay(base: &mut Value, over: &Value, path: &str) -> Result<()> {
 
 #[cfg(test)]
 mod tests {
+    use dvr_core::number_range::whole;
     use serde_json::json;
 
     use super::*;
@@ -79,13 +84,16 @@ mod tests {
     #[test]
     fn hidden_keys_are_neither_shown_nor_taken_and_keep_their_values() {
         let hidden = ["model", "hull.steps"];
+        let ranges = [whole("rays", 1, 64), whole("hull.resolution", 1, 64)];
         let config = json!({"model": {"width": 77}, "hull": {"steps": 5, "resolution": 64}, "rays": 8});
         let shown = visible(&config, &hidden).unwrap();
         assert_eq!(shown, json!({"hull": {"resolution": 64}, "rays": 8}));
-        let changed = overridden(&config, &json!({"rays": 64, "hull": {"resolution": 32}}), &hidden).unwrap();
+        let changed = overridden(&config, &json!({"rays": 64, "hull": {"resolution": 32}}), &hidden, &ranges).unwrap();
         assert_eq!(changed, json!({"model": {"width": 77}, "hull": {"steps": 5, "resolution": 32}, "rays": 64}));
-        let refused = overridden(&config, &json!({"model": {}}), &hidden);
+        let refused = overridden(&config, &json!({"model": {}}), &hidden, &ranges);
         assert!(matches!(refused, Err(Error::UnknownKey { key, .. }) if key == "model"));
-        assert_eq!(overridden(&config, &shown, &hidden).unwrap(), config);
+        let refused = overridden(&config, &json!({"rays": -1}), &hidden, &ranges);
+        assert!(matches!(refused, Err(Error::OutOfRange(wrong)) if wrong.key == "rays" && wrong.value == "-1"));
+        assert_eq!(overridden(&config, &shown, &hidden, &ranges).unwrap(), config);
     }
 }

@@ -21,7 +21,8 @@ pub struct CommonSettings {
     pub seed: u64,
     /// Optimiser steps, those of a stage where a method has stages.
     pub steps: usize,
-    /// One view in this many is held out where the dataset does not say; 0 trains on all.
+    /// One view in this many is for testing, and one in twice as many for validation, where the dataset does not say
+    /// ([`dvr_core::Scene::hold_out`]); 0 trains on all.
     pub hold_out_every: usize,
 }
 

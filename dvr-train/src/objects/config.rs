@@ -7,10 +7,11 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::config::{HullConfig, MarchStage, TrainConfig};
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::methods::overrides::{overridden, visible};
 use crate::methods::record::MethodRecord;
 use dvr_core::Supervision;
+use dvr_core::number_range::{OutOfRange, check_numbers};
 
 /// What a single scene's training has, and that of objects has not.
 const HIDDEN: &[&str] = &["hold_out_every", "hull.warm_start_steps", "hull.warm_start_points", "hull.bound_rays"];
@@ -117,7 +118,7 @@ impl ObjectsConfig {
     /// # Errors
     /// Names the first key that does not exist, or the value that has the wrong type.
     pub(crate) fn overridden(&self, overrides: &Value) -> Result<Self> {
-        overridden(self, overrides, HIDDEN)
+        overridden(self, overrides, HIDDEN, &Self::ranges())
     }
 
     /// The configuration that a checkpoint holds; `None` where its method learns from a single scene.
@@ -157,28 +158,17 @@ impl ObjectsConfig {
     /// # Errors
     /// Names the key, the value and the range.
     pub fn check(&self) -> Result<()> {
+        check_numbers(&self.to_value()?, &Self::ranges())?;
         self.train.check()?;
         self.image_model().check().map_err(|wrong| {
             // Here the decoder is called `model`, as in the configuration of a single scene.
-            let key = wrong.key.replace("decoder.", "model.");
-            Error::OutOfRange { key, value: wrong.value.to_string(), range: wrong.range.into() }
+            OutOfRange { key: wrong.key.replace("decoder.", "model."), ..wrong }
         })?;
-        if !(self.hull_depth >= 0.0 && self.hull_depth.is_finite()) {
-            return Err(out_of_range("hull_depth", self.hull_depth, "at least 0"));
-        }
-        let counts = [("objects", self.objects), ("views", self.views), ("points", self.points)];
-        if let Some((key, _)) = counts.iter().find(|(_, count)| *count == 0) {
-            return Err(out_of_range(key, 0, "at least 1"));
-        }
         if self.one_view && self.views > 1 {
-            return Err(out_of_range("views", self.views, "1 with `one_view`"));
+            return Err(OutOfRange::new("views", self.views, "1 with `one_view`").into());
         }
         Ok(())
     }
-}
-
-fn out_of_range(key: &str, value: impl ToString, range: &str) -> Error {
-    Error::OutOfRange { key: key.into(), value: value.to_string(), range: range.into() }
 }
 
 fn no_hull(base: &TrainConfig) -> HullConfig {

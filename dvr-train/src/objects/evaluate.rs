@@ -1,17 +1,18 @@
 //! Evaluation over a split of a dataset: in parallel, in parts, and from where it was stopped.
 
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::collections::HashMap;
 use std::sync::mpsc::channel;
 
-use dvr_core::Split;
 use dvr_core::dataset::ObjectDataset;
+use dvr_core::record::{Digest, RecordKey};
+use dvr_core::{Cancellation, Split};
 use dvr_render::MeshShader;
 use dvr_render::extract::ExtractSettings;
 use rayon::prelude::*;
 
 use super::predictor::{Predictor, Shape, evaluated_input};
-use super::results::{ObjectScore, Results};
-use crate::error::Result;
+use super::results::{ObjectScore, Results, Unmeasured};
+use crate::error::{Error, Result};
 use crate::observer::Observer;
 use dvr_render::view_metrics;
 
@@ -29,6 +30,9 @@ impl Shard {
     pub const WHOLE: Self = Self { number: 1, of: 1 };
 }
 
+/// Objects whose files are read between two reports of progress.
+const CHUNK: usize = 64;
+
 /// What is to be measured on which objects.
 pub struct Evaluation<'a> {
     /// The objects.
@@ -41,74 +45,135 @@ pub struct Evaluation<'a> {
     pub shard: Shard,
     /// How models are made meshes.
     pub extraction: &'a ExtractSettings,
+    /// The key of its rows, but for the object's files.
+    pub key: &'a RecordKey,
 }
 
 impl Evaluation<'_> {
-    /// Measures the objects that are not yet in `results`, which hears of each when it is done. Objects that cannot be
-    /// measured are returned, as `category/name`, with the reason.
+    /// Measures the objects that are not yet in `results`, which hears of each when it is done, and again those whose
+    /// key is another by now. Objects that cannot be measured are added to the results as such.
     ///
-    /// The figures of an object depend on the seed and its files alone. Setting `interrupted` ends the work after the
-    /// objects that are under way.
+    /// The figures of an object depend on its key alone. Where `cancellation` says so, the work ends
+    /// after the objects that are under way.
     ///
     /// # Errors
     /// When results cannot be written.
-    pub fn run(
-        &self,
-        results: &mut Results,
-        interrupted: &AtomicBool,
-        observer: &mut dyn Observer,
-    ) -> Result<Vec<(String, String)>> {
-        let wanted = self.wanted(results);
+    pub fn run(&self, results: &mut Results, cancellation: &Cancellation, observer: &mut dyn Observer) -> Result<()> {
         let (seed, views) = (results.measurement.seed, results.measurement.views);
+        let wanted = self.wanted(results, cancellation, observer)?;
         observer.phase("evaluating objects", wanted.len());
-        let mut broken = Vec::new();
-        let mut failed = None;
+        let mut failed: Option<Error> = None;
         rayon::in_place_scope(|scope| {
             let (sender, receiver) = channel();
             let wanted = &wanted;
             scope.spawn(move |_| {
                 // Ends early where somebody asks, or nobody listens any more.
-                let _ = wanted.par_iter().try_for_each_with(sender, |sender, &object| {
-                    let stop = interrupted.load(Ordering::Relaxed);
-                    (!stop).then(|| sender.send((object, self.score(object, seed, views))).ok()).flatten()
+                let _ = wanted.par_iter().try_for_each_with(sender, |sender, (object, key)| {
+                    let score = || self.score(*object, key, seed, views);
+                    let stop = cancellation.is_cancelled();
+                    (!stop).then(|| sender.send((*object, score())).ok()).flatten()
                 });
             });
             for (done, (object, score)) in receiver.iter().enumerate() {
-                match score.map(|score| results.add(score)) {
-                    Ok(Ok(())) => (),
-                    Ok(Err(error)) => {
-                        failed = Some(error);
-                        return;
-                    }
-                    Err(problem) => {
-                        let title = self.title(object);
-                        observer.note(&format!("{title} is left out: {problem}"));
-                        broken.push((title, problem.to_string()));
-                    }
+                let added = match score {
+                    Ok(score) => results.add(score),
+                    Err(problem) => self.leave_out(object, &problem, results, observer),
+                };
+                if let Err(error) = added {
+                    failed = Some(error);
+                    return;
                 }
                 observer.progress(done + 1, "");
             }
         });
-        broken.sort();
-        failed.map_or(Ok(broken), Err)
+        failed.map_or(Ok(()), Err)
     }
 
-    /// The objects of the shard whose figures are not there yet.
-    fn wanted(&self, results: &Results) -> Vec<usize> {
+    /// The objects of the shard whose figures are not there yet, with their keys. Rows of other keys leave the results.
+    fn wanted(
+        &self,
+        results: &mut Results,
+        cancellation: &Cancellation,
+        observer: &mut dyn Observer,
+    ) -> Result<Vec<(usize, RecordKey)>> {
         let shard = self.dataset.of_split(self.split).into_iter().skip(self.shard.number - 1).step_by(self.shard.of);
-        let is_missing = |&object: &usize| {
-            let object = &self.dataset.objects()[object];
-            !results.holds(&object.category, &object.name)
+        let shard: Vec<usize> = shard.collect();
+        observer.phase("reading the objects' files", shard.len());
+        let seed = results.measurement.seed;
+        let (mut keys, mut unreadable, mut done) = (HashMap::new(), Vec::new(), 0);
+        for chunk in shard.chunks(CHUNK) {
+            if cancellation.is_cancelled() {
+                return Ok(Vec::new());
+            }
+            let read: Vec<_> = chunk.par_iter().map(|&object| (object, self.key_of(object, seed))).collect();
+            for (object, key) in read {
+                match key {
+                    Ok(key) => drop(keys.insert(self.name(object), (object, key))),
+                    Err(problem) => unreadable.push((object, problem)),
+                }
+            }
+            done += chunk.len();
+            observer.progress(done, "");
+        }
+        let is_current =
+            |score: &ObjectScore| keys.get(&(&*score.category, &*score.name)).is_some_and(|(_, key)| *key == score.key);
+        let dropped = results.keep(is_current)?;
+        if dropped > 0 {
+            observer.note(&format!(
+                "{dropped} object(s) are measured again: their files, the settings, the program or the machine are others"
+            ));
+        }
+        for (object, problem) in unreadable {
+            self.leave_out(object, &problem, results, observer)?;
+        }
+        let mut wanted: Vec<_> = keys
+            .into_iter()
+            .filter(|((category, name), _)| !results.holds(category, name))
+            .map(|(_, row)| row)
+            .collect();
+        wanted.sort_by_key(|(object, _)| *object);
+        Ok(wanted)
+    }
+
+    /// The key of an object's row.
+    fn key_of(&self, object: usize, seed: u64) -> Result<RecordKey> {
+        let own = self.dataset.digest(object)?;
+        let scene = match self.predictor.other_object(self.dataset, object, seed)? {
+            Some(other) => Digest::of_all([&own, &self.dataset.digest(other)?]),
+            None => own,
         };
-        shard.filter(is_missing).collect()
+        Ok(RecordKey { scene, ..self.key.clone() })
+    }
+
+    /// Notes an object that cannot be measured.
+    fn leave_out(
+        &self,
+        object: usize,
+        problem: &Error,
+        results: &mut Results,
+        observer: &mut dyn Observer,
+    ) -> Result<()> {
+        observer.note(&format!("{} is left out: {problem}", self.title(object)));
+        let object = &self.dataset.objects()[object];
+        results.add_unmeasured(Unmeasured {
+            category: object.category.clone(),
+            category_name: object.category_name.clone(),
+            name: object.name.clone(),
+            problem: problem.to_string(),
+        })
+    }
+
+    fn name(&self, object: usize) -> (&str, &str) {
+        let object = &self.dataset.objects()[object];
+        (&object.category, &object.name)
     }
 
     fn title(&self, object: usize) -> String {
-        let object = &self.dataset.objects()[object];
-        format!("{}/{}", object.category, object.name)
+        let (category, name) = self.name(object);
+        format!("{category}/{name}")
     }
 
-    fn score(&self, object: usize, seed: u64, views: usize) -> Result<ObjectScore> {
+    fn score(&self, object: usize, key: &RecordKey, seed: u64, views: usize) -> Result<ObjectScore> {
         let dataset = self.dataset;
         let input = evaluated_input(dataset, object, seed)?;
         let truth = dataset.read_ground_truth(object)?;
@@ -130,6 +195,7 @@ impl Evaluation<'_> {
             input,
             shape: shape.evaluate(&truth, seed)?,
             views: view_metrics,
+            key: key.clone(),
         })
     }
 }

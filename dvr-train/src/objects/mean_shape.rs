@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use dvr_core::dataset::ObjectDataset;
 use dvr_core::mesh::Mesh;
+use dvr_core::record::Digest;
 use dvr_core::{OccupancySamples, Split, UnitCube};
 use dvr_render::extract::{ExtractSettings, extract_mesh};
 use glam::{IVec3, Vec3};
@@ -70,6 +71,15 @@ impl MeanShapes {
         }
         let categories = tallies.into_iter().map(|(category, sums)| (category, sums.mean())).collect();
         Ok(Self { categories })
+    }
+
+    /// The digest of all of them.
+    pub fn digest(&self) -> Digest {
+        let category = |(name, mean): (&String, &MeanShape)| {
+            let level: Vec<u8> = mean.level.iter().flat_map(|level| level.to_le_bytes()).collect();
+            [Digest::of_bytes(name.as_bytes()), Digest::of_bytes(&level)]
+        };
+        Digest::of_all(&self.categories.iter().flat_map(category).collect::<Vec<_>>())
     }
 
     /// The mean shape of a category.

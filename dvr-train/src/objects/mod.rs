@@ -24,7 +24,7 @@ pub use mean_shape::MeanShapes;
 pub use model::ObjectModel;
 pub use nearest_picture::NearestPicture;
 pub use predictor::{Predictor, Shape, evaluated_input};
-pub use results::{Measurement, ObjectScore, Results, read_results};
+pub use results::{Measurement, ObjectScore, Results, StoredResults, Unmeasured, read_results};
 pub use run::{ObjectsMetrics, TrainedObjects, finish_objects, train_objects};
 pub use summary::{MeanScore, Summary, merge_results, to_markdown, write_summaries};
 pub use trainer::ObjectsTrainer;

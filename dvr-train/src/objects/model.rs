@@ -10,7 +10,7 @@ use image::RgbImage;
 
 use super::config::ObjectsConfig;
 use crate::error::{Error, Result};
-use crate::learners::module_state::restore_module;
+use crate::learners::module_state::{check_holds, restore_module};
 use crate::run::checkpoint::Checkpoint;
 
 /// Cells along an edge of the grid that lets rendering skip empty space.
@@ -38,6 +38,7 @@ impl ObjectModel {
     /// # Errors
     /// When its parameters are damaged.
     pub(crate) fn from_bytes(config: ObjectsConfig, model: &[u8], device: &Device) -> Result<Self> {
+        check_holds(model, config.image_model().parameters())?;
         let model = restore_module(model, config.image_model().init(device))?.valid();
         Ok(Self { config, model })
     }

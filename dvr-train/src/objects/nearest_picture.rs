@@ -2,6 +2,7 @@
 
 use dvr_core::Split;
 use dvr_core::dataset::ObjectDataset;
+use dvr_core::record::Digest;
 use rayon::prelude::*;
 
 use crate::error::{Error, Result};
@@ -52,6 +53,13 @@ impl NearestPicture {
             return Err(nothing_to_compare(dataset));
         }
         Ok(Self { owner, pictures })
+    }
+
+    /// The digest of all pictures and of whose they are.
+    pub fn digest(&self) -> Digest {
+        let owner: Vec<u8> = self.owner.iter().flat_map(|owner| owner.to_le_bytes()).collect();
+        let pictures = self.pictures.iter().map(|picture| Digest::of_bytes(picture));
+        Digest::of_all(&pictures.chain([Digest::of_bytes(&owner)]).collect::<Vec<_>>())
     }
 
     /// The training object with the picture nearest to that of `object`, by the squared difference of pixels.

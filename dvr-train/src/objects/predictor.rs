@@ -71,6 +71,21 @@ impl Predictor {
     }
 }
 
+impl Predictor {
+    /// The object whose files the shape of another is taken from, where that is so.
+    ///
+    /// # Errors
+    /// Where the object's picture cannot be read.
+    pub fn other_object(&self, dataset: &ObjectDataset, object: usize, seed: u64) -> Result<Option<usize>> {
+        match self {
+            Self::NearestPicture(nearest) => {
+                nearest.find(dataset, object, evaluated_input(dataset, object, seed)?).map(Some)
+            }
+            Self::Model(_) | Self::MeanShape(_) => Ok(None),
+        }
+    }
+}
+
 /// The picture by which an object is measured: chosen by a hash, the same for every predictor.
 ///
 /// # Errors

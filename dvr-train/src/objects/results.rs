@@ -9,6 +9,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use dvr_core::Split;
+use dvr_core::record::RecordKey;
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
@@ -16,7 +17,7 @@ use crate::evaluate::ShapeEvaluation;
 use dvr_render::ViewMetrics;
 
 /// Version of the files.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 
 /// What was measured, and how: figures of files that agree in this may stand in one mean.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -59,39 +60,95 @@ pub struct ObjectScore {
     pub shape: ShapeEvaluation,
     /// Renders of the coloured mesh against its views, where these were asked for.
     pub views: Option<ViewMetrics>,
+    /// What the figures were made of.
+    pub key: RecordKey,
+}
+
+/// An object that could not be measured.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Unmeasured {
+    /// Folder of its category.
+    pub category: String,
+    /// What the category is called.
+    pub category_name: String,
+    /// Its folder.
+    pub name: String,
+    /// Why.
+    pub problem: String,
+}
+
+/// A line of the file after the first.
+#[derive(Serialize, Deserialize)]
+#[serde(untagged)]
+enum Row {
+    Score(Box<ObjectScore>),
+    Unmeasured(Unmeasured),
+}
+
+/// What a file of results holds.
+#[derive(Clone, Debug)]
+pub struct StoredResults {
+    /// What was measured.
+    pub measurement: Measurement,
+    /// The figures.
+    pub scores: Vec<ObjectScore>,
+    /// The objects that have none.
+    pub unmeasured: Vec<Unmeasured>,
 }
 
 /// A file of results.
 pub struct Results {
     path: PathBuf,
     file: File,
+    /// The lines of the scores, as they were written: printing numbers again may change their last digit.
+    lines: Vec<String>,
     /// What was measured.
     pub measurement: Measurement,
     /// The figures so far.
     pub scores: Vec<ObjectScore>,
+    /// The objects that have none.
+    pub unmeasured: Vec<Unmeasured>,
 }
 
 impl Results {
-    /// Takes up the file at `path`, or starts it. A last line that was cut short is dropped.
+    /// Takes up the file at `path`, or starts it. A last line that was cut short is dropped, and so are objects that
+    /// could not be measured: they are tried again.
     ///
     /// # Errors
     /// When the file cannot be read or written, or holds another measurement.
     pub fn open(path: &Path, measurement: Measurement) -> Result<Self> {
-        let (mut scores, mut text) = (Vec::new(), line(path, &measurement)?);
+        let (mut scores, mut lines) = (Vec::new(), Vec::new());
         if path.exists() {
-            let (earlier, found) = read_results(path)?;
+            let (earlier, found) = read_rows(path)?;
             if earlier != measurement {
                 let difference = difference(&earlier, &measurement);
                 return Err(Error::OtherMeasurement { path: path.to_owned(), difference });
             }
-            scores = found;
-            // As it is, but for what was cut short.
-            text = read_text(path)?;
-            text.truncate(text.rfind('\n').map_or(0, |end| end + 1));
+            for (row, line) in found {
+                if let Row::Score(score) = row {
+                    scores.push(*score);
+                    lines.push(line);
+                }
+            }
         }
-        dvr_core::files::write_bytes_atomically(path, text.as_bytes())?;
-        let file = OpenOptions::new().append(true).open(path).map_err(|e| dvr_core::Error::io(path, e))?;
-        Ok(Self { path: path.to_owned(), file, measurement, scores })
+        let file = rewritten(path, &measurement, &lines)?;
+        Ok(Self { path: path.to_owned(), file, lines, measurement, scores, unmeasured: Vec::new() })
+    }
+
+    /// Keeps the figures that are `current` and drops all others, here and in the file; returns how many were dropped.
+    ///
+    /// # Errors
+    /// When the file cannot be written.
+    pub fn keep(&mut self, current: impl Fn(&ObjectScore) -> bool) -> Result<usize> {
+        let before = self.scores.len();
+        let rows = std::mem::take(&mut self.scores).into_iter().zip(std::mem::take(&mut self.lines));
+        (self.scores, self.lines) = rows.filter(|(score, _)| current(score)).unzip();
+        let dropped = before - self.scores.len();
+        if dropped > 0 {
+            self.file = rewritten(&self.path, &self.measurement, &self.lines)?;
+        }
+        Ok(dropped)
     }
 
     /// Whether an object's figures are there.
@@ -108,6 +165,18 @@ impl Results {
         self.file.write_all(line.as_bytes()).map_err(|e| dvr_core::Error::io(&self.path, e))?;
         // As a later run will read it: to the last digit the same means, however often the work was stopped.
         self.scores.push(parse(&self.path, self.scores.len() + 1, &line)?);
+        self.lines.push(line);
+        Ok(())
+    }
+
+    /// Adds an object that could not be measured.
+    ///
+    /// # Errors
+    /// When the file cannot be written.
+    pub fn add_unmeasured(&mut self, object: Unmeasured) -> Result<()> {
+        let line = line(&self.path, &object)?;
+        self.file.write_all(line.as_bytes()).map_err(|e| dvr_core::Error::io(&self.path, e))?;
+        self.unmeasured.push(object);
         Ok(())
     }
 }
@@ -116,8 +185,21 @@ impl Results {
 ///
 /// # Errors
 /// When the file cannot be read, or is none.
-pub fn read_results(path: &Path) -> Result<(Measurement, Vec<ObjectScore>)> {
-    let text = read_text(path)?;
+pub fn read_results(path: &Path) -> Result<StoredResults> {
+    let (measurement, rows) = read_rows(path)?;
+    let mut stored = StoredResults { measurement, scores: Vec::new(), unmeasured: Vec::new() };
+    for (row, _) in rows {
+        match row {
+            Row::Score(score) => stored.scores.push(*score),
+            Row::Unmeasured(object) => stored.unmeasured.push(object),
+        }
+    }
+    Ok(stored)
+}
+
+/// The rows of a file, each with its line.
+fn read_rows(path: &Path) -> Result<(Measurement, Vec<(Row, String)>)> {
+    let text = dvr_core::files::read_text(path)?;
     let mut lines = text.split_inclusive('\n').enumerate();
     let (number, first) = lines.next().unwrap_or((0, ""));
     let measurement: Measurement = parse(path, number, first)?;
@@ -126,12 +208,15 @@ pub fn read_results(path: &Path) -> Result<(Measurement, Vec<ObjectScore>)> {
         return Err(refuse(path, problem));
     }
     let whole = lines.filter(|(_, line)| line.ends_with('\n'));
-    let scores = whole.map(|(number, line)| parse(path, number, line));
-    Ok((measurement, scores.collect::<Result<_>>()?))
+    let rows = whole.map(|(number, line)| Ok((parse(path, number, line)?, line.to_owned())));
+    Ok((measurement, rows.collect::<Result<_>>()?))
 }
 
-fn read_text(path: &Path) -> Result<String> {
-    std::fs::read_to_string(path).map_err(|e| dvr_core::Error::io(path, e).into())
+/// Writes the file with these lines, and opens it to add more.
+fn rewritten(path: &Path, measurement: &Measurement, lines: &[String]) -> Result<File> {
+    let text = line(path, measurement)? + &lines.concat();
+    dvr_core::files::write_bytes_atomically(path, text.as_bytes())?;
+    Ok(OpenOptions::new().append(true).open(path).map_err(|e| dvr_core::Error::io(path, e))?)
 }
 
 /// What a line, counted from 0, says.
@@ -161,17 +246,35 @@ fn refuse(path: &Path, problem: String) -> Error {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
+    use dvr_core::record::{Digest, Machine};
+    use serde_json::json;
+
     use super::*;
+
+    /// A key of the program of that name.
+    pub fn key(program: &str) -> RecordKey {
+        let machine = Machine { cpu: "a CPU".into(), cores: 2, threads: 2, device: "cpu".into() };
+        let digest = Digest::of_json(&json!(null));
+        RecordKey { scene: digest.clone(), settings: digest, program: program.into(), machine }
+    }
 
     fn measurement() -> Measurement {
         Measurement::new("run".into(), 3, Split::Test, 0, 64, 0)
     }
 
     fn score(name: &str) -> ObjectScore {
-        let shape = ShapeEvaluation { surface: None, floor: None, volume_iou: Some(0.5) };
+        let shape = ShapeEvaluation { volume_iou: Some(0.5), ..ShapeEvaluation::default() };
         let category = || "chair".to_owned();
-        ObjectScore { category: category(), category_name: category(), name: name.into(), input: 1, shape, views: None }
+        ObjectScore {
+            category: category(),
+            category_name: category(),
+            name: name.into(),
+            input: 1,
+            shape,
+            views: None,
+            key: key("dvr 1"),
+        }
     }
 
     #[test]
@@ -187,8 +290,41 @@ mod tests {
             std::fs::write(&path, &bytes[..bytes.len() - cut]).unwrap();
             let results = Results::open(&path, measurement()).unwrap();
             assert!(results.holds("chair", "a") && !results.holds("chair", "b") && !results.holds("sofa", "a"));
-            assert_eq!(read_results(&path).unwrap().1.len(), 1, "the rest of the line is gone");
+            assert_eq!(read_results(&path).unwrap().scores.len(), 1, "the rest of the line is gone");
         }
+    }
+
+    #[test]
+    fn rows_of_another_key_leave_the_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("objects.jsonl");
+        let mut results = Results::open(&path, measurement()).unwrap();
+        results.add(score("a")).unwrap();
+        results.add(ObjectScore { key: key("dvr 2"), ..score("b") }).unwrap();
+        let current = key("dvr 2");
+        assert_eq!(results.keep(|score| score.key == current).unwrap(), 1);
+        assert!(!results.holds("chair", "a") && results.holds("chair", "b"));
+        results.add(ObjectScore { key: key("dvr 2"), ..score("a") }).unwrap();
+        let stored = read_results(&path).unwrap();
+        let rows: Vec<_> =
+            stored.scores.iter().map(|score| (score.name.as_str(), score.key.program.as_str())).collect();
+        assert_eq!(rows, [("b", "dvr 2"), ("a", "dvr 2")]);
+        assert_eq!(results.keep(|_| true).unwrap(), 0);
+    }
+
+    #[test]
+    fn objects_that_could_not_be_measured_are_counted_and_tried_again() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("objects.jsonl");
+        let mut results = Results::open(&path, measurement()).unwrap();
+        results.add(score("a")).unwrap();
+        let [category, category_name, name, problem] = ["chair", "chair", "b", "no cameras"].map(str::to_owned);
+        results.add_unmeasured(Unmeasured { category, category_name, name, problem }).unwrap();
+        let stored = read_results(&path).unwrap();
+        assert_eq!((stored.scores.len(), stored.unmeasured.len()), (1, 1));
+        let again = Results::open(&path, measurement()).unwrap();
+        assert!(again.holds("chair", "a") && !again.holds("chair", "b"));
+        assert!(read_results(&path).unwrap().unmeasured.is_empty());
     }
 
     #[test]

@@ -118,8 +118,9 @@ pub fn train_objects(
         scene: dataset.root().to_owned(),
         reading: options.reading.clone(),
         object_to_world: Similarity::default(),
-        held_out: Vec::new(),
+        views: None,
         cameras: BTreeMap::new(),
+        refine_cameras: 0,
         notes: Vec::new(),
     };
     let outcome = TrainingLoop::new(method, header, options, start).run(&mut learner, resume_from, observer)?;

@@ -1,12 +1,12 @@
 //! Means over categories and objects, as tables: JSON, CSV and Markdown.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-use super::results::{Measurement, ObjectScore, read_results};
+use super::results::{Measurement, ObjectScore, StoredResults, Unmeasured, read_results};
 use crate::error::{Error, Result};
 
 /// The figures that have a column: name, unit or scale for people, decimals, and where they are found.
@@ -36,8 +36,10 @@ const SHOWN: [&str; 7] =
 /// The mean figures of one predictor over some objects.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct MeanScore {
-    /// How many objects.
+    /// How many objects were measured.
     pub objects: usize,
+    /// How many could not be.
+    pub unmeasured: usize,
     /// Mean of each figure over the objects that have it.
     pub figures: BTreeMap<String, f64>,
 }
@@ -53,6 +55,8 @@ pub struct Summary {
     pub mean_of_categories: MeanScore,
     /// The mean over all objects.
     pub mean_of_objects: MeanScore,
+    /// Where the figures come from: each machine with its program once.
+    pub origins: BTreeSet<String>,
 }
 
 fn f_score(score: &ObjectScore, threshold: usize) -> Option<f64> {
@@ -65,28 +69,43 @@ fn mean(values: impl Iterator<Item = Option<f64>>) -> Option<f64> {
 }
 
 /// The means over some objects, in their order.
-fn mean_score(scores: &[&ObjectScore]) -> MeanScore {
+fn mean_score(scores: &[&ObjectScore], unmeasured: usize) -> MeanScore {
     let of = |figure: &Figure| Some((figure.0.to_owned(), mean(scores.iter().map(|score| figure.3(score)))?));
-    MeanScore { objects: scores.len(), figures: FIGURES.iter().filter_map(of).collect() }
+    MeanScore { objects: scores.len(), unmeasured, figures: FIGURES.iter().filter_map(of).collect() }
 }
 
 impl Summary {
     /// The means of one predictor's results, whatever their order.
-    pub fn new(measurement: Measurement, scores: &[ObjectScore]) -> Self {
+    pub fn new(measurement: Measurement, scores: &[ObjectScore], unmeasured: &[Unmeasured]) -> Self {
         let mut sorted: Vec<&ObjectScore> = scores.iter().collect();
         sorted.sort_by(|a, b| (&a.category, &a.name).cmp(&(&b.category, &b.name)));
         let mut by_category: BTreeMap<String, Vec<&ObjectScore>> = BTreeMap::new();
         for score in &sorted {
             by_category.entry(score.category_name.clone()).or_default().push(score);
         }
-        let categories: BTreeMap<String, MeanScore> =
-            by_category.into_iter().map(|(name, scores)| (name, mean_score(&scores))).collect();
+        for object in unmeasured {
+            by_category.entry(object.category_name.clone()).or_default();
+        }
+        let lost = |name: &str| unmeasured.iter().filter(|object| object.category_name == name).count();
+        let category = |(name, scores): (String, Vec<&ObjectScore>)| {
+            let score = mean_score(&scores, lost(&name));
+            (name, score)
+        };
+        let categories: BTreeMap<String, MeanScore> = by_category.into_iter().map(category).collect();
         let of = |figure: &Figure| {
             let means = categories.values().map(|category| category.figures.get(figure.0).copied());
             Some((figure.0.to_owned(), mean(means)?))
         };
-        let mean_of_categories = MeanScore { objects: sorted.len(), figures: FIGURES.iter().filter_map(of).collect() };
-        Self { measurement, categories, mean_of_categories, mean_of_objects: mean_score(&sorted) }
+        let figures = FIGURES.iter().filter_map(of).collect();
+        let mean_of_categories = MeanScore { objects: sorted.len(), unmeasured: unmeasured.len(), figures };
+        let origins = sorted.iter().map(|score| format!("{}, {}", score.key.machine, score.key.program)).collect();
+        Self {
+            measurement,
+            categories,
+            mean_of_categories,
+            mean_of_objects: mean_score(&sorted, unmeasured.len()),
+            origins,
+        }
     }
 
     /// The rows of a table: the categories and the two means.
@@ -99,24 +118,36 @@ impl Summary {
 /// Reads files of results, joins the shards of each measurement, and sums them up, predictor by predictor.
 ///
 /// # Errors
-/// When a file is no results', or an object is there twice.
+/// When a file is no results', an object is there twice, or the parts of one measurement were made with other settings
+/// or by another program: they have no common mean.
 pub fn merge_results(files: &[std::path::PathBuf]) -> Result<Vec<Summary>> {
-    let mut joined: Vec<(Measurement, Vec<ObjectScore>)> = Vec::new();
+    let mut joined: Vec<StoredResults> = Vec::new();
     for file in files {
-        let (measurement, scores) = read_results(file)?;
-        let place = joined.iter().position(|(other, _)| *other == measurement).unwrap_or_else(|| {
-            joined.push((measurement, Vec::new()));
+        let StoredResults { measurement, scores, unmeasured } = read_results(file)?;
+        let place = joined.iter().position(|other| other.measurement == measurement).unwrap_or_else(|| {
+            joined.push(StoredResults { measurement, scores: Vec::new(), unmeasured: Vec::new() });
             joined.len() - 1
         });
-        let known = &mut joined[place].1;
+        joined[place].unmeasured.extend(unmeasured);
+        let known = &mut joined[place].scores;
         if let Some(twice) = scores.iter().find(|a| known.iter().any(|b| a.category == b.category && a.name == b.name))
         {
             let problem = format!("the figures of {}/{} are in an earlier file too", twice.category, twice.name);
             return Err(Error::BrokenFile { path: file.clone(), problem });
         }
+        let made_by = |score: &ObjectScore| (score.key.settings.clone(), score.key.program.clone());
+        if let (Some(first), Some(other)) = (known.first(), scores.first())
+            && made_by(first) != made_by(other)
+        {
+            let problem = format!(
+                "its rows are of {} and settings {}, those of earlier files of {} and settings {}",
+                other.key.program, other.key.settings, first.key.program, first.key.settings
+            );
+            return Err(Error::BrokenFile { path: file.clone(), problem });
+        }
         known.extend(scores);
     }
-    Ok(joined.into_iter().map(|(measurement, scores)| Summary::new(measurement, &scores)).collect())
+    Ok(joined.into_iter().map(|part| Summary::new(part.measurement, &part.scores, &part.unmeasured)).collect())
 }
 
 /// Writes `summary.json`, `summary.csv` and `summary.md` into a folder.
@@ -137,12 +168,14 @@ pub fn write_summaries(folder: &Path, summaries: &[Summary]) -> Result<()> {
 fn to_csv(summaries: &[Summary]) -> Result<String> {
     let broken = |e: String| Error::NotStored { problem: e };
     let mut writer = csv::Writer::from_writer(Vec::new());
-    let header = ["predictor", "category", "objects"].into_iter().chain(FIGURES.iter().map(|figure| figure.0));
+    let header =
+        ["predictor", "category", "objects", "unmeasured"].into_iter().chain(FIGURES.iter().map(|figure| figure.0));
     writer.write_record(header).map_err(|e| broken(e.to_string()))?;
     for summary in summaries {
         for (category, score) in summary.rows() {
             let figures = FIGURES.iter().map(|(key, ..)| score.figures.get(*key).map_or(String::new(), f64::to_string));
-            let start = [summary.measurement.predictor.clone(), category.to_owned(), score.objects.to_string()];
+            let [objects, unmeasured] = [score.objects, score.unmeasured].map(|count| count.to_string());
+            let start = [summary.measurement.predictor.clone(), category.to_owned(), objects, unmeasured];
             writer.write_record(start.into_iter().chain(figures)).map_err(|e| broken(e.to_string()))?;
         }
     }
@@ -160,16 +193,18 @@ pub fn to_markdown(summaries: &[Summary]) -> String {
         .collect();
     if let [summary] = summaries {
         let titles: Vec<String> = shown.iter().map(|figure| title(figure)).collect();
-        let _ = writeln!(text, "{}: {} objects\n", summary.measurement.predictor, summary.mean_of_objects.objects);
+        let _ = writeln!(text, "{}: {} objects\n", summary.measurement.predictor, count(&summary.mean_of_objects));
+        let _ = writeln!(text, "{}.\n", origins(summaries));
         let _ = writeln!(text, "| category | objects | {} |", titles.join(" | "));
         let _ = writeln!(text, "|---|{}", "---|".repeat(1 + shown.len()));
         for (category, score) in summary.rows() {
             let cells: Vec<String> = shown.iter().map(|figure| cell(score, figure)).collect();
-            let _ = writeln!(text, "| {category} | {} | {} |", score.objects, cells.join(" | "));
+            let _ = writeln!(text, "| {category} | {} | {} |", count(score), cells.join(" | "));
         }
         return text;
     }
     let Some(first) = summaries.first() else { return text };
+    let _ = writeln!(text, "{}.\n", origins(summaries));
     for figure in shown {
         let predictors: Vec<&str> = summaries.iter().map(|summary| summary.measurement.predictor.as_str()).collect();
         let _ = writeln!(text, "{}\n\n| category | objects | {} |", title(figure), predictors.join(" | "));
@@ -178,11 +213,25 @@ pub fn to_markdown(summaries: &[Summary]) -> String {
             let of =
                 |summary: &Summary| summary.rows().find(|(name, _)| *name == category).map(|(_, s)| cell(s, figure));
             let cells: Vec<String> = summaries.iter().map(|summary| of(summary).unwrap_or_default()).collect();
-            let _ = writeln!(text, "| {category} | {} | {} |", score.objects, cells.join(" | "));
+            let _ = writeln!(text, "| {category} | {} | {} |", count(score), cells.join(" | "));
         }
         text.push('\n');
     }
     text
+}
+
+/// How many objects were measured; of how many, where some could not be.
+fn count(score: &MeanScore) -> String {
+    match score.unmeasured {
+        0 => score.objects.to_string(),
+        lost => format!("{} of {}", score.objects, score.objects + lost),
+    }
+}
+
+/// Where the figures of all come from.
+fn origins(summaries: &[Summary]) -> String {
+    let all: BTreeSet<&str> = summaries.iter().flat_map(|summary| &summary.origins).map(String::as_str).collect();
+    all.into_iter().collect::<Vec<_>>().join("; ")
 }
 
 fn title((key, name, ..): &Figure) -> String {
@@ -200,11 +249,14 @@ mod tests {
 
     use super::*;
     use crate::evaluate::ShapeEvaluation;
+    use crate::objects::results::Results;
+    use crate::objects::results::tests::key;
 
     fn score(category: &str, name: &str, iou: f64) -> ObjectScore {
-        let shape = ShapeEvaluation { surface: None, floor: None, volume_iou: Some(iou) };
+        let shape = ShapeEvaluation { volume_iou: Some(iou), ..ShapeEvaluation::default() };
         let [category, name] = [category, name].map(str::to_owned);
-        ObjectScore { category: category.clone(), category_name: category, name, input: 0, shape, views: None }
+        let key = key("dvr 1");
+        ObjectScore { category: category.clone(), category_name: category, name, input: 0, shape, views: None, key }
     }
 
     fn measurement(predictor: &str) -> Measurement {
@@ -214,25 +266,48 @@ mod tests {
     #[test]
     fn every_category_counts_the_same_in_their_mean_and_every_object_in_the_other() {
         let scores = [score("bed", "a", 0.2), score("bed", "b", 0.4), score("car", "c", 0.9)];
-        let summary = Summary::new(measurement("run"), &scores);
+        let summary = Summary::new(measurement("run"), &scores, &[]);
         let near = |score: &MeanScore, value: f64| (score.figures["volume_iou"] - value).abs() < 1e-12;
         assert!(near(&summary.categories["bed"], 0.3) && near(&summary.mean_of_categories, 0.6));
         assert!(near(&summary.mean_of_objects, 0.5));
         let mut turned = scores.to_vec();
         turned.reverse();
-        assert_eq!(Summary::new(measurement("run"), &turned), summary, "whatever the order");
+        assert_eq!(Summary::new(measurement("run"), &turned, &[]), summary, "whatever the order");
         let table = to_markdown(std::slice::from_ref(&summary));
         assert!(
             table.contains("| category | objects | volume IoU |") && table.contains("| bed | 2 | 0.300 |"),
             "{table}"
         );
-        let two = to_markdown(&[summary.clone(), Summary::new(measurement("other"), &scores[..2])]);
+        let two = to_markdown(&[summary.clone(), Summary::new(measurement("other"), &scores[..2], &[])]);
         assert!(
             two.contains("| category | objects | run | other |") && two.contains("| car | 1 | 0.900 |  |"),
             "{two}"
         );
         let csv = to_csv(&[summary]).unwrap();
         assert_eq!(csv.lines().count(), 5);
-        assert!(csv.contains("run,car,1,,,,,,,,,0.9,,"), "{csv}");
+        assert!(csv.contains("run,car,1,0,,,,,,,,,0.9,,"), "{csv}");
+        let [category, category_name, name, problem] = ["sofa", "sofa", "d", "broken"].map(str::to_owned);
+        let lost = Unmeasured { category, category_name, name, problem };
+        let table = to_markdown(&[Summary::new(measurement("run"), &scores, &[lost])]);
+        assert!(table.contains("run: 3 of 4 objects") && table.contains("| sofa | 0 of 1 |  |"), "{table}");
+        assert!(table.contains("| mean of categories | 3 of 4 | 0.600 |"), "{table}");
+    }
+
+    #[test]
+    fn parts_of_different_programs_have_no_common_mean() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = |name: &str, object: &str, program: &str| {
+            let path = folder.path().join(name);
+            let mut results = Results::open(&path, measurement("run")).unwrap();
+            results.add(ObjectScore { key: key(program), ..score("bed", object, 0.5) }).unwrap();
+            path
+        };
+        let (one, two) = (file("1.jsonl", "a", "dvr 1"), file("2.jsonl", "b", "dvr 2"));
+        let error = merge_results(&[one.clone(), two]).unwrap_err().to_string();
+        assert!(error.contains("2.jsonl") && error.contains("dvr 1") && error.contains("dvr 2"), "{error}");
+        let same = file("3.jsonl", "b", "dvr 1");
+        let joined = merge_results(&[one, same]).unwrap();
+        assert_eq!((joined.len(), joined[0].mean_of_objects.objects), (1, 2));
+        assert!(to_markdown(&joined).contains("dvr 1."));
     }
 }

@@ -164,8 +164,9 @@ fn header(trainer: &ObjectsTrainer) -> crate::run::checkpoint::CheckpointHeader 
         scene: std::path::PathBuf::new(),
         reading: serde_json::Value::Null,
         object_to_world: dvr_core::Similarity::default(),
-        held_out: Vec::new(),
+        views: None,
         cameras: std::collections::BTreeMap::new(),
+        refine_cameras: 0,
         notes: Vec::new(),
     }
 }

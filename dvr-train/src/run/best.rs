@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 pub struct Best {
     /// The step after which it was measured.
     pub step: usize,
-    /// PSNR on held-out pixels, dB.
+    /// PSNR on pixels of validation views, dB.
     pub psnr: f64,
     /// IoU of the silhouettes on the same pixels.
     pub mask_iou: f64,

@@ -8,7 +8,7 @@
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 
-use dvr_core::{Camera, Similarity};
+use dvr_core::{Camera, Similarity, ViewNames};
 use safetensors::tensor::{Dtype, TensorView};
 use safetensors::{SafeTensors, serialize};
 use serde::{Deserialize, Serialize};
@@ -19,7 +19,7 @@ use crate::methods::record::{CommonSettings, MethodRecord};
 use crate::run::best::Best;
 
 /// Version of the checkpoints that this program writes.
-pub const CHECKPOINT_VERSION: u32 = 5;
+pub const CHECKPOINT_VERSION: u32 = 6;
 
 /// Key of the JSON header among the container's metadata.
 const HEADER_KEY: &str = "dvr-checkpoint";
@@ -46,11 +46,15 @@ pub struct CheckpointHeader {
     pub reading: serde_json::Value,
     /// Takes object space to the world of the scene's files.
     pub object_to_world: Similarity,
-    /// Views that were held out, by name.
-    pub held_out: Vec<String>,
+    /// Which views are trained on, which validate and which test: fixed at the start of the run. `None` where that is
+    /// not known, of imported runs, and of datasets of objects.
+    pub views: Option<ViewNames>,
     /// Cameras in object space that replace those of the files, by view: where they were refined.
     #[serde(default)]
     pub cameras: BTreeMap<String, Camera>,
+    /// Rounds, at most, in which the cameras were refined; 0 where the files are believed.
+    #[serde(default)]
+    pub refine_cameras: usize,
     /// What was decided on the way and why, for people: how fine the field became, say.
     #[serde(default)]
     pub notes: Vec<String>,
@@ -86,7 +90,7 @@ impl Checkpoint {
     /// When the file is missing, is not a checkpoint, is cut short, or was written by another version of the program.
     pub fn load(path: &Path) -> Result<Self> {
         let refuse = |problem: String| Error::NotACheckpoint { path: path.to_owned(), problem };
-        let bytes = std::fs::read(path).map_err(|e| dvr_core::Error::io(path, e))?;
+        let bytes = dvr_core::files::read_bytes(path)?;
         let (_, metadata) =
             SafeTensors::read_metadata(&bytes).map_err(|e| refuse(format!("this is not a checkpoint ({e})")))?;
         let header = metadata.metadata().as_ref().and_then(|m| m.get(HEADER_KEY));

@@ -2,8 +2,25 @@
 
 use std::path::{Path, PathBuf};
 
+use dvr_core::files::{Claim, FolderKind, OutputFolder, holds};
+
 use super::checkpoint::Checkpoint;
-use crate::error::{Error, Result};
+use crate::error::Result;
+
+/// All that a run may write.
+const FILES: [&str; 11] = [
+    "best.ckpt",
+    "cameras.json",
+    "config.json",
+    "last.ckpt",
+    "mesh.glb",
+    "mesh.ply",
+    "metrics.csv",
+    "metrics.json",
+    "preview.png",
+    "report.html",
+    "scene.dvr",
+];
 
 /// Where the parts of a run lie.
 #[derive(Clone, Debug)]
@@ -77,40 +94,48 @@ impl RunFolder {
         self.root.join("preview.png")
     }
 
-    /// Makes an empty folder for a new run.
-    ///
-    /// # Errors
-    /// When it cannot be made, cannot be written to, or already holds a run.
-    pub fn create(&self) -> Result<()> {
-        if self.last().exists() {
-            return Err(Error::FolderInUse { path: self.root.clone() });
-        }
-        std::fs::create_dir_all(&self.root).map_err(|e| dvr_core::Error::io(&self.root, e))?;
-        Ok(())
+    /// Whether the folder was made for a run.
+    pub fn is_run(&self) -> bool {
+        holds(&self.root, FolderKind::Run)
     }
 
-    /// Removes what an earlier run left, and nothing else.
+    /// Whether a new run may have the folder; nothing is touched.
     ///
     /// # Errors
-    /// When a file cannot be removed.
-    pub fn clear(&self) -> Result<()> {
-        let files = [
-            self.last(),
-            self.best(),
-            self.scene_file(),
-            self.cameras(),
-            self.config(),
-            self.metrics_csv(),
-            self.metrics_json(),
-            self.mesh_ply(),
-            self.mesh_glb(),
-            self.preview(),
-            self.report(),
-        ];
-        for file in files.into_iter().filter(|file| file.exists()) {
-            std::fs::remove_file(&file).map_err(|e| dvr_core::Error::io(&file, e))?;
-        }
-        Ok(())
+    /// As [`RunFolder::create`], or, with `may_replace`, as [`RunFolder::replace`].
+    pub fn check(&self, may_replace: bool) -> Result<()> {
+        Ok(OutputFolder::check(&self.root, FolderKind::Run, self.claim(may_replace), &FILES)?)
+    }
+
+    /// Makes the folder of a new run. It belongs to this process until the value that is returned is dropped.
+    ///
+    /// A run that was killed before its first checkpoint is no obstacle: nothing is lost when it starts anew.
+    ///
+    /// # Errors
+    /// When the folder has files in it that are not a run's, holds a run, is written to by another process, or cannot be
+    /// made or written to.
+    pub fn create(&self) -> Result<OutputFolder> {
+        Ok(OutputFolder::claim(&self.root, FolderKind::Run, self.claim(false), &FILES)?)
+    }
+
+    /// [`RunFolder::create`], where an earlier run may be replaced: its files are removed, and nothing else.
+    ///
+    /// # Errors
+    /// As [`RunFolder::create`], but where the folder holds a run.
+    pub fn replace(&self) -> Result<OutputFolder> {
+        Ok(OutputFolder::claim(&self.root, FolderKind::Run, self.claim(true), &FILES)?)
+    }
+
+    /// Takes the folder of a run to write to it. It belongs to this process until the value that is returned is dropped.
+    ///
+    /// # Errors
+    /// When the folder does not hold a run, is written to by another process, or cannot be written to.
+    pub fn resume(&self) -> Result<OutputFolder> {
+        Ok(OutputFolder::claim(&self.root, FolderKind::Run, Claim::Continue, &FILES)?)
+    }
+
+    fn claim(&self, may_replace: bool) -> Claim {
+        if may_replace || (self.is_run() && !self.last().exists()) { Claim::Replace } else { Claim::New }
     }
 
     /// The checkpoint that stands for the run: the best, or the last where nothing was validated.
@@ -119,5 +144,48 @@ impl RunFolder {
     /// When there is none or it cannot be read.
     pub fn load(&self) -> Result<Checkpoint> {
         if self.best().exists() { Checkpoint::load(&self.best()) } else { Checkpoint::load(&self.last()) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_file_of_a_run_belongs_to_it() {
+        let run = RunFolder::new("run");
+        let paths = [
+            run.best(),
+            run.cameras(),
+            run.config(),
+            run.last(),
+            run.mesh_glb(),
+            run.mesh_ply(),
+            run.metrics_csv(),
+            run.metrics_json(),
+            run.preview(),
+            run.report(),
+            run.scene_file(),
+        ];
+        assert_eq!(paths.map(|path| path.strip_prefix("run").unwrap().to_owned()), FILES.map(PathBuf::from));
+    }
+
+    #[test]
+    fn a_run_is_not_replaced_by_accident_but_one_without_a_checkpoint_starts_anew() {
+        let parent = tempfile::tempdir().unwrap();
+        let run = RunFolder::new(parent.path().join("run"));
+        assert!(!run.is_run() && run.resume().is_err());
+        drop(run.create().unwrap());
+        assert!(run.is_run());
+        std::fs::write(run.config(), "{}").unwrap();
+        drop(run.create().unwrap());
+        assert!(!run.config().exists(), "it starts anew");
+        std::fs::write(run.last(), "a checkpoint").unwrap();
+        let refused = run.create().unwrap_err().to_string();
+        assert!(refused.contains("already holds a run") && run.check(false).is_err() && run.last().exists());
+        drop(run.resume().unwrap());
+        assert!(run.last().exists());
+        drop(run.replace().unwrap());
+        assert!(!run.last().exists());
     }
 }

@@ -1,5 +1,6 @@
 //! The curves of a run: `metrics.csv`, one row every few steps.
 
+use std::collections::HashMap;
 use std::path::Path;
 
 use dvr_render::ViewMetrics;
@@ -11,7 +12,7 @@ use crate::learners::step_report::StepReport;
 const BEFORE: [&str; 6] = ["step", "seconds", "loss", "mask_iou", "learning_rate", "samples"];
 
 /// The columns after them.
-const AFTER: [&str; 4] = ["held_out_psnr", "held_out_mask_iou", "cpu_seconds", "chamfer_l1"];
+const AFTER: [&str; 4] = ["validation_psnr", "validation_mask_iou", "cpu_seconds", "chamfer_l1"];
 
 /// Whether a column of `metrics.csv` holds a loss term: all do but those that every run has.
 pub fn is_loss_term(column: &str) -> bool {
@@ -47,13 +48,15 @@ impl MetricsLog {
         let broken = |e: csv::Error| Error::BrokenFile { path: path.to_owned(), problem: e.to_string() };
         let mut reader = csv::Reader::from_path(path).map_err(broken)?;
         let names: Vec<String> = reader.headers().map_err(broken)?.iter().map(str::to_owned).collect();
+        let mut places = HashMap::new();
+        for (place, name) in names.iter().enumerate() {
+            places.entry(name.as_str()).or_insert(place);
+        }
         let mut rows = Vec::new();
         for record in reader.records() {
             let record = record.map_err(broken)?;
-            let cell = |name: &str| {
-                let place = names.iter().position(|other| other == name);
-                place.and_then(|place| record.get(place)).unwrap_or_default().to_owned()
-            };
+            let cell =
+                |name: &str| places.get(name).and_then(|place| record.get(*place)).unwrap_or_default().to_owned();
             if cell("step").parse::<usize>().is_ok_and(|step| step <= last_step) {
                 let cells = |columns: &[&str]| columns.iter().map(|name| cell(name)).collect();
                 let terms = names.iter().filter(|name| is_loss_term(name)).map(|name| cell(name)).collect();
@@ -132,7 +135,7 @@ mod tests {
         log.save(&path).unwrap();
         let text = std::fs::read_to_string(&path).unwrap();
         let lines: Vec<&str> = text.lines().collect();
-        assert!(lines[0].contains(",samples,color,shininess,held_out_psnr,"), "{text}");
+        assert!(lines[0].contains(",samples,color,shininess,validation_psnr,"), "{text}");
         assert_eq!(lines[1], "10,1.000,1.000000,0.5000,1e-1,8,0.250000,,,,2.000,");
         assert_eq!(lines[2], "20,2.000,1.000000,0.5000,1e-1,8,0.500000,0.500000,,,4.000,0.125000");
         let resumed = MetricsLog::resume(&path, 20).unwrap();

@@ -1,9 +1,9 @@
 //! How a run is carried out, and what it leaves in memory.
 
-use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 use burn::tensor::Device;
+use dvr_core::{Cancellation, ViewNames};
 use dvr_render::ViewMetrics;
 
 use super::checkpoint::{Checkpoint, CheckpointHeader};
@@ -13,7 +13,7 @@ use crate::learners::learner::LearnerState;
 use crate::methods::trained_model::TrainedModel;
 
 /// How a run is carried out, besides its method.
-pub struct RunOptions<'a> {
+pub struct RunOptions {
     /// The folder.
     pub folder: RunFolder,
     /// The device, without autodiff.
@@ -22,6 +22,9 @@ pub struct RunOptions<'a> {
     pub data_parallel: Vec<Device>,
     /// How the scene was read; stored in checkpoints.
     pub reading: serde_json::Value,
+    /// What the views of the scene are for, where it has been divided already ([`dvr_core::Scene::hold_out`]); a run
+    /// that starts without divides it, and one that is resumed goes by its checkpoint.
+    pub views: Option<ViewNames>,
     /// Wall time after which training stops as if its steps were done.
     pub time_limit: Option<Duration>,
     /// Rounds, at most, in which the scene's cameras are moved to where they fit together before training; 0 believes
@@ -30,14 +33,11 @@ pub struct RunOptions<'a> {
     /// Whether the shape is compared with the scene's true surface at each validation, beside the clock: a column of
     /// `metrics.csv`. Nothing is learned from it.
     pub follow_shape: bool,
-    /// Set from outside (Ctrl-C): training saves and stops after the current step.
-    pub interrupted: &'a AtomicBool,
+    /// Asks the run to end (Ctrl-C): training saves and stops after the current step.
+    pub cancellation: Cancellation,
 }
 
-/// Set by nobody.
-static NEVER: AtomicBool = AtomicBool::new(false);
-
-impl RunOptions<'static> {
+impl RunOptions {
     /// A run in a folder, on a device, and nothing else.
     pub fn new(folder: RunFolder, device: Device) -> Self {
         Self {
@@ -45,10 +45,11 @@ impl RunOptions<'static> {
             device,
             data_parallel: Vec::new(),
             reading: serde_json::Value::Null,
+            views: None,
             time_limit: None,
             refine_cameras: 0,
             follow_shape: false,
-            interrupted: &NEVER,
+            cancellation: Cancellation::default(),
         }
     }
 }

@@ -1,6 +1,5 @@
 //! The loop of a run: steps, validations, checkpoints, until all is done or somebody says stop.
 
-use std::sync::atomic::Ordering;
 use std::time::Instant;
 
 use dvr_core::PointCloud;
@@ -28,7 +27,7 @@ const VALIDATION_PIXELS: usize = 8192;
 pub(crate) struct TrainingLoop<'r> {
     method: &'r dyn Method,
     schedule: Schedule,
-    options: &'r RunOptions<'r>,
+    options: &'r RunOptions,
     start: Instant,
     /// Wall seconds of earlier sessions.
     seconds_before: f64,
@@ -43,7 +42,7 @@ pub(crate) struct TrainingLoop<'r> {
 
 impl<'r> TrainingLoop<'r> {
     /// A run that began at `start`; `header` is that of its checkpoints.
-    pub fn new(method: &'r dyn Method, header: CheckpointHeader, options: &'r RunOptions<'r>, start: Instant) -> Self {
+    pub fn new(method: &'r dyn Method, header: CheckpointHeader, options: &'r RunOptions, start: Instant) -> Self {
         Self {
             method,
             schedule: method.schedule(),
@@ -70,6 +69,8 @@ impl<'r> TrainingLoop<'r> {
         resume_from: Option<&Checkpoint>,
         observer: &mut dyn Observer,
     ) -> Result<RunOutcome> {
+        // Every step is worth a checkpoint.
+        let _shield = self.options.cancellation.shield();
         if let Some(Checkpoint { header, state }) = resume_from {
             learner.resume(state, header.step)?;
             self.log = MetricsLog::resume(&self.options.folder.metrics_csv(), header.step)?;
@@ -107,7 +108,7 @@ impl<'r> TrainingLoop<'r> {
     fn stop(&self) -> Stop {
         let Self { options, .. } = self;
         match () {
-            () if options.interrupted.load(Ordering::Relaxed) => Stop::Interrupted,
+            () if options.cancellation.is_cancelled() => Stop::Interrupted,
             () if options.time_limit.is_some_and(|limit| self.elapsed() >= limit.as_secs_f64()) => Stop::TimeLimit,
             () => Stop::Done,
         }
@@ -124,10 +125,9 @@ impl<'r> TrainingLoop<'r> {
         if validate_now || step.is_multiple_of(LOG_EVERY) {
             self.add_row(learner, report, validate_now)?;
         }
-        if validate_now {
-            self.keep_best(learner, step)?;
-        }
-        if ending || step.is_multiple_of(self.schedule.checkpoint_every) {
+        // The best checkpoint is never ahead of the last: a resumed run must not end with one of its own future.
+        let is_best = validate_now && self.keep_best(learner, step)?;
+        if ending || is_best || step.is_multiple_of(self.schedule.checkpoint_every) {
             self.save(learner)?;
         }
         Ok(())
@@ -144,17 +144,18 @@ impl<'r> TrainingLoop<'r> {
         Ok(())
     }
 
-    /// Stores the step if its validation is better than all before.
-    fn keep_best(&mut self, learner: &dyn Learner, step: usize) -> Result<()> {
-        let (Some(figure), Some(found)) = (self.schedule.best, &self.validation) else { return Ok(()) };
+    /// Stores the step if its validation is better than all before; returns whether it is.
+    fn keep_best(&mut self, learner: &dyn Learner, step: usize) -> Result<bool> {
+        let (Some(figure), Some(found)) = (self.schedule.best, &self.validation) else { return Ok(false) };
         let found = Best { step, psnr: found.psnr, mask_iou: found.mask_iou };
-        if self.header.best.is_none_or(|best| figure(&found) > figure(&best)) {
+        let is_best = self.header.best.is_none_or(|best| figure(&found) > figure(&best));
+        if is_best {
             self.header.best = Some(found);
             let checkpoint = self.checkpoint(learner)?;
             checkpoint.save(&self.options.folder.best())?;
             self.best = Some((checkpoint.header, checkpoint.state.model));
         }
-        Ok(())
+        Ok(is_best)
     }
 
     /// The checkpoint of this moment.
@@ -163,17 +164,17 @@ impl<'r> TrainingLoop<'r> {
         Ok(Checkpoint { header, state: learner.state()? })
     }
 
-    /// Stores the last checkpoint and the curves.
+    /// Stores the curves and the last checkpoint: killed in between, a run has more rows than steps, which resuming drops.
     fn save(&self, learner: &dyn Learner) -> Result<()> {
-        self.checkpoint(learner)?.save(&self.options.folder.last())?;
-        self.log.save(&self.options.folder.metrics_csv())
+        self.log.save(&self.options.folder.metrics_csv())?;
+        self.checkpoint(learner)?.save(&self.options.folder.last())
     }
 
     /// A line for people.
     fn message(&self, report: &StepReport) -> String {
-        let held = self.validation.as_ref();
-        let held = held.map_or(String::new(), |v| format!("  held-out {:.2} dB, IoU {:.3}", v.psnr, v.mask_iou));
-        format!("loss {:.4}  IoU {:.3}{held}", report.loss, report.mask_iou)
+        let found = self.validation.as_ref();
+        let found = found.map_or(String::new(), |v| format!("  validation {:.2} dB, IoU {:.3}", v.psnr, v.mask_iou));
+        format!("loss {:.4}  IoU {:.3}{found}", report.loss, report.mask_iou)
     }
 
     /// Ends a run that holds more of a GPU's memory than it may.

@@ -1,26 +1,33 @@
 //! What the tests of every crate share. It depends on none of them, so that unit tests can use it too.
 //!
-//! [`gpu`], [`scene`], [`fixture`] and [`browser`] give what a machine may lack. Where it is missing, the test prints
-//! why it is skipped and returns; where `DVR_REQUIRE` lists it, the test fails instead:
+//! [`fixture`] gives arrays that DVR's reference code computed; they are in the repository. What a machine may lack is
+//! named by [`macro@test_with`] in place of `#[test]`, and given by [`gpu`], [`browser`], [`scene`] and
+//! [`large_fixture`]. Where it is missing, the test is `ignored` with the reason:
 //!
 //! ```text
-//! DVR_REQUIRE=gpu,browser,scenes,fixtures  what must be there
-//! DVR_SCENES=DIR                           where scenes lie; fixtures lie in DIR/../fixtures
+//! DVR_SCENES=DIR                                  scenes that are not in the repository
+//! DVR_LARGE_FIXTURES=DIR                          fixtures that are too large for it
+//! DVR_REQUIRE=gpu,browser,scenes,large_fixtures   fail where one of these is missing
 //! ```
 //!
 //! [`max_difference`] and its relatives compare numbers and panic at NaN and infinity: a maximum taken with `f64::max`
 //! drops NaN, and a test with it passes when every number is NaN.
 //!
 //! ```
-//! use dvr_test_support::{max_difference, scene};
+//! use dvr_test_support::{fixture, max_difference, scene, test_with};
 //!
 //! assert!(max_difference(&[1.0, 2.0], &[1.0, 2.5]) <= 0.5);
-//! let Some(folder) = scene("dtu_scan65") else { return };
-//! assert!(folder.is_dir());
+//! assert!(fixture("losses.npz").is_file());
+//!
+//! #[test_with(scene("dtu_scan65"))]
+//! fn the_skull_has_pictures() {
+//!     assert!(scene("dtu_scan65").join("image").is_dir());
+//! }
 //! ```
 
 mod compare;
 mod need;
 
 pub use compare::{largest, max_difference, relative_difference};
-pub use need::{browser, fixture, gpu, scene};
+pub use dvr_test_needs::test_with;
+pub use need::{browser, fixture, gpu, large_fixture, scene};

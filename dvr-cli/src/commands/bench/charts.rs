@@ -10,6 +10,7 @@ use super::plan::folder_name;
 use super::results::{Outcome, Results};
 use super::table::{grouped, rows};
 use crate::commands::benchmark_page::BenchmarkPage;
+use crate::commands::provenance::origin;
 
 /// A figure on an axis of a chart.
 type Figure = fn(&Outcome) -> Option<f64>;
@@ -30,7 +31,7 @@ pub fn write(results: &Results, folder: &Path) -> Result<()> {
     let mut page = BenchmarkPage::new(folder)?;
     let (heads, rows) = rows(&results.outcomes);
     let words = "<p>Medians over seeds, with their range. Lengths are in edges of the object cube (papers print \
-                 Chamfer-L1 times ten). PSNR and silhouettes are of the coloured mesh on held-out views.</p>";
+                 Chamfer-L1 times ten). PSNR and silhouettes are of the coloured mesh on test views; curves over time are of validation views.</p>";
     page.push("Figures", format!("{words}<div class=\"wide\">{}</div>", table(&heads, &rows)));
     let mut scenes: Vec<&str> = results.outcomes.iter().map(|outcome| outcome.scene.as_str()).collect();
     scenes.sort_unstable();
@@ -47,7 +48,7 @@ pub fn write(results: &Results, folder: &Path) -> Result<()> {
             page.push(scene, format!("<div class=\"charts\">{figures}</div>"));
         }
     }
-    page.save("dvr bench", &results.machine)
+    page.save("dvr bench", &origin(results.outcomes.iter().map(|outcome| outcome.key.as_ref())))
 }
 
 /// The charts of one scene that have something to show.
@@ -72,12 +73,15 @@ fn of_scene(outcomes: &[Outcome], runs: &Path) -> Vec<Chart> {
         series: groups.iter().enumerate().map(|(i, group)| dots(group, spent, reached).colored(i)).collect(),
         pareto: Some([Better::Less, better]),
     };
-    let wall: (&str, &str, Figure) = ("training, wall seconds", "seconds", |o| o.training_seconds.or(Some(o.seconds)));
+    let wall: (&str, &str, Figure) = ("training, wall seconds", "seconds", |o| o.training_seconds.or(o.seconds));
     let cpu: (&str, &str, Figure) = ("CPU seconds", "cpu_seconds", |o| o.cpu_seconds);
-    let psnr: (&str, &str, Figure) = ("held-out PSNR, dB", "held_out_psnr", |o| o.psnr);
+    // What a run measures on its way is of validation views; where a method recorded nothing, the end stands there.
+    let psnr: (&str, &str, Figure) =
+        ("PSNR, dB: curves of validation views, points of test views", "validation_psnr", |o| o.psnr);
     let chamfer: (&str, &str, Figure) = (CHAMFER_TITLE, CHAMFER, chamfer_above_floor);
-    let iou: (&str, &str, Figure) = ("silhouette IoU", "held_out_mask_iou", |o| o.mask_iou);
-    let job: (&str, Figure) = ("whole job, wall seconds", |o| Some(o.seconds));
+    let iou: (&str, &str, Figure) =
+        ("silhouette IoU: curves of validation views, points of test views", "validation_mask_iou", |o| o.mask_iou);
+    let job: (&str, Figure) = ("whole job, wall seconds", |o| o.seconds);
     let stored: (&str, Figure) = ("stored, kB", |o| Some(o.bytes? as f64 / 1e3));
     let above = || Axis::log(CHAMFER_TITLE);
     let mut charts = vec![
@@ -88,9 +92,9 @@ fn of_scene(outcomes: &[Outcome], runs: &Path) -> Vec<Chart> {
         Chart { y: above(), ..over_time("Chamfer-L1 during training, CPU time", cpu, chamfer) },
         ends("Chamfer-L1 against wall time", job, above(), chamfer_above_floor, Better::Less),
         ends("Chamfer-L1 against CPU time", (cpu.0, cpu.2), above(), chamfer_above_floor, Better::Less),
-        ends("PSNR of the whole job", job, Axis::linear(psnr.0), psnr.2, Better::More),
+        ends("PSNR of the whole job", job, Axis::linear("test PSNR, dB"), psnr.2, Better::More),
         ends("Chamfer-L1 against size", stored, above(), chamfer_above_floor, Better::Less),
-        ends("PSNR against size", stored, Axis::linear(psnr.0), psnr.2, Better::More),
+        ends("PSNR against size", stored, Axis::linear("test PSNR, dB"), psnr.2, Better::More),
     ];
     charts.retain(|chart| !chart.is_empty());
     charts
@@ -126,7 +130,6 @@ fn dots(group: &[&Outcome], x: Figure, y: Figure) -> Series {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::commands::machine::Machine;
 
     fn outcome(method: &str, seed: u64, seconds: f64, chamfer: f64) -> Outcome {
         let json = serde_json::json!({
@@ -144,10 +147,10 @@ mod tests {
         for seed in 0..2 {
             let run = folder.path().join("runs").join(folder_name("ball", "grid", "rgb", seed));
             std::fs::create_dir_all(&run).unwrap();
-            let rows = format!("seconds,held_out_psnr\n0.5,2{seed}\n1.0,25\n");
+            let rows = format!("seconds,validation_psnr\n0.5,2{seed}\n1.0,25\n");
             std::fs::write(run.join("metrics.csv"), rows).unwrap();
         }
-        write(&Results { outcomes, ..Results::new(Machine::this()) }, folder.path()).unwrap();
+        write(&Results { outcomes }, folder.path()).unwrap();
         let read = |name: &str| std::fs::read_to_string(folder.path().join(name)).unwrap();
         let curve = read("charts/ball-psnr-against-wall-time.csv");
         assert!(curve.contains("\"grid, rgb\",0.5,20.5,20,21") && curve.contains("\"slow, rgb\",9,29,,"), "{curve}");

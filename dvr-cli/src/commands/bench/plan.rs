@@ -1,27 +1,48 @@
 //! The runs of a benchmark.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
+use dvr_core::Cancellation;
+use dvr_core::dataset::{ReadOptions, digest_of_scene};
+use dvr_core::record::{Digest, RecordKey};
 use dvr_train::RunFolder;
 
 use super::results::Outcome;
 use crate::args::{BenchArgs, Variant};
-use crate::commands::job::{Ended, Job, once};
+use crate::commands::job::{Ended, Job};
+use crate::commands::kept_row::{Kept, keep, kept};
+use crate::commands::provenance::record_key;
+
+/// A scene of the benchmark.
+pub struct BenchScene {
+    path: PathBuf,
+    name: String,
+    digest: Digest,
+}
 
 /// One run of the plan.
 pub struct Run<'a> {
-    scene: &'a Path,
-    name: &'a str,
+    scene: &'a BenchScene,
     variant: Variant,
     supervision: String,
     seed: u64,
     /// Its folder's name.
     pub folder: String,
+    key: RecordKey,
+}
+
+/// The scenes of the arguments. What lies in the folder of results is not part of a scene.
+pub fn scenes(args: &BenchArgs) -> Result<Vec<BenchScene>> {
+    let scene = |(path, name): (PathBuf, String)| {
+        let digest = digest_of_scene(&path, &ReadOptions::default(), Some(&args.out))?;
+        Ok(BenchScene { path, name, digest })
+    };
+    named(&args.scenes)?.into_iter().map(scene).collect()
 }
 
 /// Scenes with their names: the folder's name, preceded by its parent's where several folders have the same name.
-pub fn named(paths: &[PathBuf]) -> Result<Vec<(PathBuf, String)>> {
+fn named(paths: &[PathBuf]) -> Result<Vec<(PathBuf, String)>> {
     let mut parts: Vec<Vec<String>> = Vec::new();
     for path in paths {
         let whole = std::fs::canonicalize(path).with_context(|| path.display().to_string())?;
@@ -47,43 +68,78 @@ pub fn folder_name(scene: &str, method: &str, supervision: &str, seed: u64) -> S
 }
 
 /// All runs, seeds innermost. Deterministic methods run once.
-pub fn plan<'a>(args: &'a BenchArgs, scenes: &'a [(PathBuf, String)]) -> Vec<Run<'a>> {
+///
+/// # Errors
+/// When a training would refuse its settings.
+pub fn plan<'a>(args: &BenchArgs, scenes: &'a [BenchScene]) -> Result<Vec<Run<'a>>> {
     let mut plan = Vec::new();
-    for (scene, name) in scenes {
+    for scene in scenes {
         for supervision in &args.supervision {
             for variant in args.variants() {
                 let seeds = if variant.method == "hull" { 1 } else { args.seeds };
                 for seed in 0..seeds {
-                    let supervision = supervision.to_string();
-                    let folder = folder_name(name, &variant.name, &supervision, seed);
-                    plan.push(Run { scene, name, variant: variant.clone(), supervision, seed, folder });
+                    plan.push(Run::new(args, scene, variant.clone(), supervision.to_string(), seed)?);
                 }
             }
         }
     }
-    plan
+    Ok(plan)
 }
 
-impl Run<'_> {
-    /// The outcome of the run, which is carried out unless its figures are stored.
-    pub fn outcome(&self, args: &BenchArgs) -> Result<Outcome> {
+impl<'a> Run<'a> {
+    fn new(args: &BenchArgs, scene: &'a BenchScene, variant: Variant, supervision: String, seed: u64) -> Result<Self> {
+        let folder = folder_name(&scene.name, &variant.name, &supervision, seed);
+        let run = RunFolder::new(args.out.join("runs").join(&folder));
+        let token = Cancellation::default();
+        let settings =
+            job(args, scene, &run, &variant, &supervision, seed, &token).settings().with_context(|| folder.clone())?;
+        let key = record_key(scene.digest.clone(), &settings, "cpu")?;
+        Ok(Self { scene, variant, supervision, seed, folder, key })
+    }
+
+    /// The outcome that is kept, if it has the key of this run.
+    ///
+    /// # Errors
+    /// When its file is damaged.
+    pub fn kept(&self, args: &BenchArgs) -> Result<Kept<Outcome>> {
+        kept(&self.file(args), &self.key)
+    }
+
+    /// The outcome of the run, which is carried out unless it is kept. A failure is an outcome, but not kept.
+    ///
+    /// # Errors
+    /// When the training cannot be started, the outcome not be stored, or somebody wanted it to end.
+    pub fn outcome(&self, args: &BenchArgs, cancellation: &Cancellation) -> Result<Outcome> {
+        if let Kept::Row(outcome) = self.kept(args)? {
+            return Ok(outcome);
+        }
         let folder = RunFolder::new(args.out.join("runs").join(&self.folder));
-        once(&args.out.join("runs").join(format!("{}.json", self.folder)), || {
-            let job = Job {
-                scene: self.scene,
-                folder: &folder,
-                variant: &self.variant,
-                supervision: &self.supervision,
-                seed: self.seed,
-                time: args.time,
-                follow_shape: args.follow_shape,
-            };
-            match job.run()? {
-                Ended::Measured { metrics, seconds } => {
-                    Ok(Outcome::new(self.name, &self.variant.name, &self.supervision, seconds, &metrics))
-                }
-                Ended::Failed { said, .. } => bail!("{} failed: {said}", self.folder),
+        let blank = Outcome::blank(&self.scene.name, &self.variant.name, &self.supervision, self.seed, &self.key);
+        let job = job(args, self.scene, &folder, &self.variant, &self.supervision, self.seed, cancellation);
+        Ok(match job.run()? {
+            Ended::Measured { metrics, seconds } => {
+                keep(&self.file(args), &self.key, blank.measured(seconds, &metrics))?
             }
+            Ended::Failed { said, .. } => Outcome { failure: Some(said), ..blank },
         })
     }
+
+    /// Where the outcome is kept.
+    fn file(&self, args: &BenchArgs) -> PathBuf {
+        args.out.join("runs").join(format!("{}.json", self.folder))
+    }
+}
+
+/// The training of a run.
+fn job<'a>(
+    args: &BenchArgs,
+    scene: &'a BenchScene,
+    folder: &'a RunFolder,
+    variant: &'a Variant,
+    supervision: &'a str,
+    seed: u64,
+    cancellation: &'a Cancellation,
+) -> Job<'a> {
+    let (time, follow_shape) = (args.time, args.follow_shape);
+    Job { scene: &scene.path, folder, variant, supervision, seed, time, follow_shape, cancellation }
 }

@@ -4,23 +4,20 @@ use std::path::Path;
 
 use anyhow::{Context, Result};
 use dvr_core::files::write_bytes_atomically;
+use dvr_core::record::RecordKey;
 use dvr_train::RunMetrics;
 use serde::{Deserialize, Serialize};
 
-use crate::commands::machine::Machine;
-
 /// `results.json`.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Results {
-    /// The machine and the program.
-    pub machine: Machine,
     /// One per run.
     pub outcomes: Vec<Outcome>,
 }
 
 /// The figures of one run. Lengths are in edges of the object cube. Figures that were not measured may be missing, so that
 /// other software's results can be written by hand.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Outcome {
     /// The scene.
@@ -33,8 +30,12 @@ pub struct Outcome {
     /// The seed.
     #[serde(default)]
     pub seed: u64,
+    /// Why there are no figures: what the program said last.
+    #[serde(default)]
+    pub failure: Option<String>,
     /// Wall seconds of the whole job, from the start of the program to its end.
-    pub seconds: f64,
+    #[serde(default)]
+    pub seconds: Option<f64>,
     /// Wall seconds of training with its preparation.
     #[serde(default)]
     pub training_seconds: Option<f64>,
@@ -62,26 +63,37 @@ pub struct Outcome {
     /// Volume IoU.
     #[serde(default)]
     pub volume_iou: Option<f64>,
-    /// PSNR of renders of the coloured mesh on held-out views, dB.
+    /// PSNR of renders of the coloured mesh on test views, dB.
     #[serde(default)]
     pub psnr: Option<f64>,
     /// IoU of its silhouettes there.
     #[serde(default)]
     pub mask_iou: Option<f64>,
+    /// What the figures were made of; other software's may be unknown.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub key: Option<RecordKey>,
 }
 
 impl Outcome {
-    /// The outcome of a run of this program.
-    pub fn new(scene: &str, method: &str, supervision: &str, seconds: f64, metrics: &RunMetrics) -> Self {
-        // Without a mesh there is no distance.
-        let surface = metrics.shape.surface.as_ref().filter(|_| metrics.mesh.is_some());
+    /// A run of this program without figures.
+    pub fn blank(scene: &str, method: &str, supervision: &str, seed: u64, key: &RecordKey) -> Self {
         Self {
             scene: scene.to_owned(),
             method: method.to_owned(),
             supervision: supervision.to_owned(),
-            seed: metrics.seed,
+            seed,
+            key: Some(key.clone()),
+            ..Self::default()
+        }
+    }
+
+    /// The same run with its figures.
+    pub fn measured(self, seconds: f64, metrics: &RunMetrics) -> Self {
+        // Without a mesh there is no distance.
+        let surface = metrics.shape.surface.as_ref().filter(|_| metrics.mesh.is_some());
+        Self {
             // Measurements for the benchmark are not part of the job.
-            seconds: seconds - metrics.measuring_seconds[0],
+            seconds: Some(seconds - metrics.measuring_seconds[0]),
             training_seconds: Some(metrics.training_seconds),
             cpu_seconds: Some(metrics.resources.cpu_seconds - metrics.measuring_seconds[1]),
             peak_memory: metrics.resources.peak_memory,
@@ -91,18 +103,19 @@ impl Outcome {
             floor: metrics.shape.floor.as_ref().map(|score| score.chamfer_l1),
             normals: surface.and_then(|score| Some(score.normal_consistency?.mean)),
             volume_iou: metrics.shape.volume_iou,
-            psnr: metrics.held_out_mesh.map(|view_metrics| view_metrics.psnr),
-            mask_iou: metrics.held_out_mesh.map(|view_metrics| view_metrics.mask_iou),
+            psnr: metrics.test_mesh.map(|view_metrics| view_metrics.psnr),
+            mask_iou: metrics.test_mesh.map(|view_metrics| view_metrics.mask_iou),
+            ..self
         }
+    }
+
+    /// Whether the run ended with a mesh.
+    pub fn has_succeeded(&self) -> bool {
+        self.failure.is_none() && self.faces != Some(0)
     }
 }
 
 impl Results {
-    /// No results yet.
-    pub fn new(machine: Machine) -> Self {
-        Self { machine, outcomes: Vec::new() }
-    }
-
     /// Writes them.
     pub fn write(&self, path: &Path) -> Result<()> {
         Ok(write_bytes_atomically(path, serde_json::to_string_pretty(self)?.as_bytes())?)

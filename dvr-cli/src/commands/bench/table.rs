@@ -6,12 +6,13 @@ use anyhow::Result;
 use dvr_report::chart::median;
 
 use super::results::{Outcome, Results};
+use crate::commands::provenance::{KeyColumns, origin};
 
 /// A column: its head, its value, and how many decimals it is printed with.
 type Column = (&'static str, fn(&Outcome) -> Option<f64>, usize);
 
 const COLUMNS: [Column; 11] = [
-    ("whole job, s", |o| Some(o.seconds), 1),
+    ("whole job, s", |o| o.seconds, 1),
     ("training, s", |o| o.training_seconds, 2),
     ("CPU, s", |o| o.cpu_seconds, 1),
     ("MB", |o| Some(o.peak_memory? as f64 / 1e6), 0),
@@ -20,16 +21,16 @@ const COLUMNS: [Column; 11] = [
     ("floor", |o| o.floor, 4),
     ("normals", |o| o.normals, 3),
     ("volume IoU", |o| o.volume_iou, 3),
-    ("held-out PSNR, dB", |o| o.psnr, 2),
+    ("test PSNR, dB", |o| o.psnr, 2),
     ("silhouette IoU", |o| o.mask_iou, 4),
 ];
 
 /// Markdown, one line for each scene, supervision and method.
 pub fn markdown(results: &Results) -> String {
-    let machine = &results.machine;
+    let origin = origin(results.outcomes.iter().map(|outcome| outcome.key.as_ref()));
     let mut text = format!(
-        "{machine}. Median over seeds (range). Lengths in edges of the object cube; papers print Chamfer-L1 times 10. \
-         PSNR and silhouettes are of the coloured mesh on held-out views.\n\n"
+        "{origin}. Seeds: how many of all gave a mesh. Median over seeds (range). Lengths in edges of the object cube; papers print Chamfer-L1 times 10. \
+         PSNR and silhouettes are of the coloured mesh on test views.\n\n"
     );
     let (heads, rows) = rows(&results.outcomes);
     let _ = writeln!(text, "| {} |", heads.join(" | "));
@@ -47,11 +48,17 @@ pub fn rows(outcomes: &[Outcome]) -> (Vec<&'static str>, Vec<Vec<String>>) {
     let heads = ["scene", "from", "method", "seeds"].into_iter().chain(columns.iter().map(|column| column.0)).collect();
     let row = |group: &Vec<&Outcome>| {
         let first = group[0];
-        let names = [first.scene.clone(), first.supervision.clone(), first.method.clone(), group.len().to_string()];
+        let names = [first.scene.clone(), first.supervision.clone(), first.method.clone(), share(group)];
         let cells = columns.iter().map(|(_, value, decimals)| cell(group, value, *decimals));
         names.into_iter().chain(cells).collect()
     };
     (heads, grouped(outcomes).iter().map(row).collect())
+}
+
+/// How many seeds gave a mesh, of how many.
+fn share(group: &[&Outcome]) -> String {
+    let succeeded = group.iter().filter(|outcome| outcome.has_succeeded()).count();
+    format!("{succeeded} of {}", group.len())
 }
 
 /// Outcomes that differ in their seed only, in the order in which they first appear.
@@ -74,6 +81,7 @@ fn cell(group: &[&Outcome], value: &fn(&Outcome) -> Option<f64>, decimals: usize
     let print = |value: f64| format!("{value:.decimals$}");
     match values[..] {
         [] if group.iter().any(|outcome| outcome.faces == Some(0)) => "no mesh".into(),
+        [] if group.iter().any(|outcome| outcome.failure.is_some()) => "failed".into(),
         [] => String::new(),
         [one] => print(one),
         [low, .., high] => {
@@ -83,11 +91,12 @@ fn cell(group: &[&Outcome], value: &fn(&Outcome) -> Option<f64>, decimals: usize
     }
 }
 
-/// All figures of all runs.
+/// All figures of all runs, with what they were made of.
 pub fn csv(outcomes: &[Outcome]) -> Result<String> {
     let mut writer = csv::Writer::from_writer(Vec::new());
     for outcome in outcomes {
-        writer.serialize(outcome)?;
+        let figures = Outcome { key: None, ..outcome.clone() };
+        writer.serialize((figures, KeyColumns::of(outcome.key.as_ref())))?;
     }
     Ok(String::from_utf8(writer.into_inner()?)?)
 }
@@ -95,7 +104,6 @@ pub fn csv(outcomes: &[Outcome]) -> Result<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::commands::machine::Machine;
 
     fn outcome(scene: &str, method: &str, seed: u64, seconds: f64, chamfer: Option<f64>) -> Outcome {
         let json = serde_json::json!({
@@ -113,11 +121,15 @@ mod tests {
             outcome("a", "grid", 1, 1.0, Some(0.004)),
             outcome("a", "grid", 2, 2.0, Some(0.0035)),
         ];
-        let results = Results { outcomes, ..Results::new(Machine::this()) };
+        let failed = Outcome { failure: Some("error: no".into()), seconds: None, ..outcomes[1].clone() };
+        let outcomes = [outcomes, vec![Outcome { seed: 3, faces: None, ..failed }]].concat();
+        let results = Results { outcomes };
         let table = markdown(&results);
-        assert!(table.contains("| a |  | grid | 3 | 2.0 (1.0-3.0) | 0.0035 (0.0030-0.0040) |"), "{table}");
-        assert!(table.contains("| a |  | slow | 1 | 9.0 | no mesh |"), "{table}");
+        assert!(table.contains("| a |  | grid | 3 of 3 | 2.0 (1.0-3.0) | 0.0035 (0.0030-0.0040) |"), "{table}");
+        assert!(table.contains("| a |  | slow | 0 of 2 | 9.0 | no mesh |"), "{table}");
         assert!(!table.contains("volume IoU"), "not measured");
-        assert_eq!(csv(&results.outcomes).unwrap().lines().count(), 5);
+        let csv = csv(&results.outcomes).unwrap();
+        assert_eq!(csv.lines().count(), 6);
+        assert!(csv.lines().next().unwrap().ends_with("scene_digest,settings_digest,program,machine"), "{csv}");
     }
 }

@@ -13,9 +13,9 @@ use crate::commands::benchmark_page::BenchmarkPage;
 /// Writes `charts/*.svg`, `charts/*.csv` and `report.html` into the folder of a stress test.
 pub fn write(results: &Results, axes: &[Axis], folder: &Path) -> Result<()> {
     let mut page = BenchmarkPage::new(folder)?;
-    let words = "<p>Each scene is hard in one way. A number is Chamfer-L1 of the surface that at least two views see, above its \
+    let words = "<p>Each scene is hard in one way. A number is the median Chamfer-L1 of the surface that at least two views see, above its \
                  floor, in pixels' footprints; for gradients it is a relative error. A word says why a cell is not \
-                 solved.</p>";
+                 solved, after how many seeds of all are.</p>";
     page.push("", words.to_owned());
     for axis in axes {
         let grid = grid(results, axis);
@@ -26,12 +26,12 @@ pub fn write(results: &Results, axes: &[Axis], folder: &Path) -> Result<()> {
         let what = format!("<p>{}.</p><div class=\"charts\">{}</div>", axis.what, grid.to_figure());
         page.push(axis.name, what);
     }
-    page.save("dvr stress", &results.machine)
+    page.save("dvr stress", &results.origin())
 }
 
 /// One axis.
 fn grid(results: &Results, axis: &Axis) -> HeatGrid {
-    let methods = methods(&results.cells, &[axis]);
+    let methods = methods(results, &[axis]);
     let difficulties = tested(results, axis);
     let value = match axis.kind {
         Kind::Scene(_) => "Chamfer-L1 above its floor, pixels' footprints",
@@ -40,11 +40,9 @@ fn grid(results: &Results, axis: &Axis) -> HeatGrid {
     let cell = |method: &str, difficulty: f64| {
         let own: Vec<&Cell> = cells(results, axis, method).filter(|cell| cell.difficulty == difficulty).collect();
         let summary = summary(&own, axis.case(difficulty).as_ref());
-        // More than half must be solved, as for the break point.
-        let has_failed = 2 * summary.failed >= own.len() && summary.failed > 0;
         // A logarithmic axis has no values below the floor.
-        let value = summary.value.map(|value| value.max(1e-3));
-        chart::Cell { value, failed: has_failed.then(|| summary.reasons.join(", ")) }
+        let value = (!summary.values.is_empty()).then(|| chart::median(&summary.values).max(1e-3));
+        chart::Cell { value, failed: summary.failure() }
     };
     HeatGrid {
         title: format!("{} ({})", axis.name, group_name(axis.group)),
@@ -62,7 +60,7 @@ mod tests {
     use dvr_stress::{Figures, Verdict, axes};
 
     use super::*;
-    use crate::commands::machine::Machine;
+    use crate::commands::stress::results::Row;
 
     #[test]
     fn an_axis_becomes_a_grid_on_a_page() {
@@ -78,7 +76,8 @@ mod tests {
         };
         let cells = vec![cell("grid", 12.0, Verdict::Solved), cell("grid", 3.0, Verdict::Open)];
         let folder = tempfile::tempdir().unwrap();
-        write(&Results { machine: Machine::this(), cells }, &axes(), folder.path()).unwrap();
+        write(&Results { cells: cells.into_iter().map(Row::of_this_program).collect() }, &axes(), folder.path())
+            .unwrap();
         let read = |name: &str| std::fs::read_to_string(folder.path().join(name)).unwrap();
         let csv = read("charts/views.csv");
         assert!(csv.contains("grid,12,0.0") && csv.contains("not watertight"), "{csv}");

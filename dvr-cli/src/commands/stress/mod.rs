@@ -3,29 +3,30 @@
 mod charts;
 mod plan;
 mod results;
+mod scene;
 mod table;
 mod task;
 
 use std::path::Path;
 use std::process::ExitCode;
-use std::sync::atomic::Ordering;
 
 use anyhow::{Context, Result, bail};
-use dvr_core::files::write_bytes_atomically;
+use dvr_core::Cancellation;
+use dvr_core::files::{Claim, FolderKind, OutputFolder, write_bytes_atomically};
 use dvr_stress::{Axis, Cell, axes, break_point};
 use dvr_train::Observer;
 
-use super::machine::Machine;
-use crate::EXIT_INTERRUPTED;
 use crate::args::StressArgs;
-use crate::interrupt::{self, INTERRUPTED};
 use crate::progress::Progress;
 use plan::{Estimate, plan};
 use results::Results;
 use task::Task;
 
+/// What is written beside the cells, the scenes and the charts.
+const FILES: [&str; 4] = ["results.json", "results.csv", "table.md", "report.html"];
+
 /// Computes missing cells, then writes `results.json`, `results.csv`, `table.md`, `charts/` and `report.html`.
-pub fn run(args: &StressArgs) -> Result<ExitCode> {
+pub fn run(args: &StressArgs, cancellation: &Cancellation) -> Result<ExitCode> {
     let axes = chosen(args)?;
     if args.list {
         list(&axes);
@@ -37,43 +38,40 @@ pub fn run(args: &StressArgs) -> Result<ExitCode> {
     {
         bail!("--against {name}: there is no method or variant of this name; add it with --methods or --variant");
     }
+    let _writing = OutputFolder::claim(out, FolderKind::StressTest, Claim::NewOrContinue, &FILES)?;
     std::fs::create_dir_all(out.join("cells")).with_context(|| out.display().to_string())?;
-    interrupt::catch()?;
-    let mut results = Results { machine: Machine::this(), cells: Vec::new() };
+    let mut results = Results::default();
     let (first, rivals): (Vec<Task>, Vec<Task>) = plan(args, &axes, out)
         .into_iter()
         .partition(|task| !args.against.as_ref().is_some_and(|name| task.is_rival_of(name)));
-    let mut done = compute(&first, &mut results)?;
-    if let (true, Some(name)) = (done, &args.against) {
+    compute(&first, &mut results, out, cancellation)?;
+    if let Some(name) = &args.against {
         let is_where_it_fails = |task: &Task| {
             let cells: Vec<&Cell> = table::cells(&results, task.axis, name).collect();
             break_point(task.axis.difficulties, cells).breaks == Some(task.difficulty)
         };
         let rivals: Vec<Task> = rivals.into_iter().filter(is_where_it_fails).collect();
-        done = compute(&rivals, &mut results)?;
-    }
-    if !done {
-        eprintln!("stopped; finished cells are kept in {}. The same command continues", out.display());
-        return Ok(ExitCode::from(EXIT_INTERRUPTED));
+        compute(&rivals, &mut results, out, cancellation)?;
     }
     write(&results, &axes, out)?;
     Ok(ExitCode::SUCCESS)
 }
 
-/// Computes cells that are not stored; returns whether all are done.
-fn compute(tasks: &[Task], results: &mut Results) -> Result<bool> {
+/// Computes cells that are not stored.
+fn compute(tasks: &[Task], results: &mut Results, out: &Path, cancellation: &Cancellation) -> Result<()> {
     eprintln!("{}", Estimate::of(tasks)?);
     let mut progress = Progress::new();
     progress.phase("cells", tasks.len());
     for (i, task) in tasks.iter().enumerate() {
-        let Some(cell) = task.cell()? else { return Ok(false) };
-        results.cells.push(cell);
+        let row = cancellation.check().map_err(Into::into).and_then(|()| task.row(cancellation));
+        results.cells.push(row.inspect_err(|_| {
+            if cancellation.is_cancelled() {
+                eprintln!("finished cells are kept in {}; the same command continues", out.display());
+            }
+        })?);
         progress.progress(i + 1, &task.name());
-        if INTERRUPTED.load(Ordering::Relaxed) && i + 1 < tasks.len() {
-            return Ok(false);
-        }
     }
-    Ok(true)
+    Ok(())
 }
 
 /// The axes that the arguments name, by their own name or their group's.
@@ -102,13 +100,13 @@ fn write(results: &Results, axes: &[Axis], out: &Path) -> Result<()> {
         ("results.csv", results::csv(&results.cells)?),
         ("table.md", table.clone()),
     ];
-    println!("{table}");
     for (name, text) in files {
         let path = out.join(name);
         write_bytes_atomically(&path, text.as_bytes())?;
         eprintln!("wrote {}", path.display());
     }
     charts::write(results, axes, out)?;
+    println!("{table}");
     for name in ["charts", "report.html"] {
         eprintln!("wrote {}", out.join(name).display());
     }

@@ -8,6 +8,7 @@ use dvr_stress::Axis;
 
 use super::task::Task;
 use crate::args::{StressArgs, Variant};
+use crate::commands::kept_row::{Kept, Standing};
 
 /// All cells: for each scene the hull first, so that the other methods can be compared with it.
 pub fn plan<'a>(args: &StressArgs, axes: &'a [Axis], out: &'a Path) -> Vec<Task<'a>> {
@@ -47,8 +48,7 @@ fn usual_seconds(method: &str) -> f64 {
 
 /// How long it will take.
 pub struct Estimate {
-    cells: usize,
-    missing: usize,
+    standing: Standing,
     seconds: f64,
 }
 
@@ -57,10 +57,13 @@ impl Estimate {
     pub fn of(tasks: &[Task]) -> Result<Self> {
         let mut measured: Vec<(&str, f64)> = Vec::new();
         let mut missing = Vec::new();
+        let mut standing = Standing::default();
         for task in tasks {
-            match task.seconds()? {
-                Some(seconds) => measured.push((&task.variant.name, seconds)),
-                None => missing.push(task),
+            let kept = task.kept()?;
+            standing.count(&task.name(), &kept);
+            match kept {
+                Kept::Row(stored) => measured.push((&task.variant.name, stored.seconds)),
+                _ => missing.push(task),
             }
         }
         let expected = |variant: &Variant| {
@@ -69,22 +72,23 @@ impl Estimate {
             if count > 0 { sum / f64::from(count) } else { usual_seconds(&variant.method) }
         };
         let seconds = missing.iter().map(|task| expected(&task.variant)).sum();
-        Ok(Self { cells: tasks.len(), missing: missing.len(), seconds })
+        Ok(Self { standing, seconds })
     }
 }
 
 impl fmt::Display for Estimate {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { cells, missing, seconds } = self;
-        if *missing == 0 {
-            return write!(f, "{cells} cells, all of them stored");
+        let Self { standing, seconds } = self;
+        write!(f, "cells: {standing}")?;
+        if standing.kept == standing.all {
+            return Ok(());
         }
         let time = match seconds {
             s if *s < 90.0 => format!("{s:.0} seconds"),
             s if *s < 5400.0 => format!("{:.0} minutes", s / 60.0),
             s => format!("{:.1} hours", s / 3600.0),
         };
-        write!(f, "{cells} cells, {} of them stored; the others take about {time}", cells - missing)
+        write!(f, "; what is missing takes about {time}")
     }
 }
 

@@ -1,18 +1,49 @@
 //! Cells as they are stored.
 
 use anyhow::Result;
+use dvr_core::record::RecordKey;
 use dvr_stress::{Cell, Group};
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
-use crate::commands::machine::Machine;
+use crate::commands::provenance::{KeyColumns, origin};
 
 /// `results.json`.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, Serialize)]
 pub struct Results {
-    /// The machine and the program.
-    pub machine: Machine,
     /// One for each axis, difficulty, method and seed.
-    pub cells: Vec<Cell>,
+    pub cells: Vec<Row>,
+}
+
+/// A cell, and what it was made of.
+#[derive(Clone, Debug, Serialize)]
+pub struct Row {
+    /// The cell.
+    #[serde(flatten)]
+    pub cell: Cell,
+    /// What it was made of.
+    pub key: RecordKey,
+}
+
+#[cfg(test)]
+impl Row {
+    /// A cell as if this program had made it.
+    pub fn of_this_program(cell: Cell) -> Self {
+        use crate::commands::provenance::record_key;
+        let scene = dvr_core::record::Digest::of_bytes(cell.axis.as_bytes());
+        Self { cell, key: record_key(scene, &serde_json::Value::Null, "cpu").unwrap() }
+    }
+}
+
+impl Results {
+    /// The cells without their keys.
+    pub fn cells(&self) -> impl Iterator<Item = &Cell> {
+        self.cells.iter().map(|row| &row.cell)
+    }
+
+    /// Where they come from.
+    pub fn origin(&self) -> String {
+        origin(self.cells.iter().map(|row| Some(&row.key)))
+    }
 }
 
 /// Name of a group.
@@ -30,7 +61,7 @@ pub fn group_name(group: Group) -> &'static str {
 
 /// A row of `results.csv`.
 #[derive(Serialize)]
-struct Row<'a> {
+struct Columns<'a> {
     axis: &'a str,
     difficulty: f64,
     method: &'a str,
@@ -48,11 +79,11 @@ struct Row<'a> {
 }
 
 /// All cells, one per line.
-pub fn csv(cells: &[Cell]) -> Result<String> {
+pub fn csv(rows: &[Row]) -> Result<String> {
     let mut writer = csv::Writer::from_writer(Vec::new());
-    for cell in cells {
+    for Row { cell, key } in rows {
         let figures = cell.figures.as_ref();
-        writer.serialize(Row {
+        let columns = Columns {
             axis: &cell.axis,
             difficulty: cell.difficulty,
             method: &cell.method,
@@ -67,7 +98,8 @@ pub fn csv(cells: &[Cell]) -> Result<String> {
             handles: figures.and_then(|f| f.topology.handles()),
             part_distance: figures.and_then(|f| f.part_distance),
             note: cell.note.as_deref(),
-        })?;
+        };
+        writer.serialize((columns, KeyColumns::of(Some(key))))?;
     }
     Ok(String::from_utf8(writer.into_inner()?)?)
 }

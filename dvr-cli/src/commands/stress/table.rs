@@ -2,21 +2,23 @@
 
 use std::fmt::Write;
 
+use dvr_report::chart::median;
 use dvr_stress::{Axis, BreakPoint, Case, Cell, Kind, Verdict, break_point};
 
 use super::results::{Results, group_name};
 
 /// Markdown.
 pub fn markdown(results: &Results, axes: &[Axis]) -> String {
-    let machine = &results.machine;
+    let origin = results.origin();
     let mut text = format!(
-        "{machine}. Each cell: Chamfer-L1 of the surface that at least two views see, above its floor, in pixels' footprints \
-         (median over seeds); **bold** and with the reason where it is not solved.\n"
+        "{origin}. Each cell: Chamfer-L1 of the surface that at least two views see, above its floor, in pixels' footprints: \
+         median over seeds (range); **bold**, with how many seeds are solved and why the others are not, where one is \
+         not. A method holds where all seeds are solved.\n"
     );
     let (scenes, gradients): (Vec<&Axis>, Vec<&Axis>) =
         axes.iter().partition(|axis| matches!(axis.kind, Kind::Scene(_)));
     for axes in [scenes, gradients].into_iter().filter(|axes| !axes.is_empty()) {
-        let methods = methods(&results.cells, &axes);
+        let methods = methods(results, &axes);
         break_points(&mut text, results, &axes, &methods);
         for axis in axes {
             one_axis(&mut text, results, axis, &methods);
@@ -26,9 +28,9 @@ pub fn markdown(results: &Results, axes: &[Axis]) -> String {
 }
 
 /// The methods on these axes, in the order in which they first appear.
-pub fn methods<'a>(cells: &'a [Cell], axes: &[&Axis]) -> Vec<&'a str> {
+pub fn methods<'a>(results: &'a Results, axes: &[&Axis]) -> Vec<&'a str> {
     let mut methods: Vec<&str> = Vec::new();
-    for cell in cells.iter().filter(|cell| axes.iter().any(|axis| axis.name == cell.axis)) {
+    for cell in results.cells().filter(|cell| axes.iter().any(|axis| axis.name == cell.axis)) {
         if !methods.contains(&cell.method.as_str()) {
             methods.push(&cell.method);
         }
@@ -51,29 +53,34 @@ fn break_points(text: &mut String, results: &Results, axes: &[&Axis], methods: &
     }
 }
 
-/// A method's break point in words; `tested` are the difficulties that any method was tested on.
+/// A method's break point in words, with how many seeds are solved where there are several; `tested` are the
+/// difficulties that any method was tested on.
 fn point(own: &[&Cell], axis: &Axis, tested: &[f64]) -> String {
-    let is_own = |difficulty: &f64| own.iter().any(|cell| cell.difficulty == *difficulty);
+    let at = |difficulty: f64| own.iter().filter(move |cell| cell.difficulty == difficulty).copied();
+    let is_own = |difficulty: &f64| at(*difficulty).next().is_some();
     let BreakPoint { holds, breaks } = break_point(axis.difficulties, own.iter().copied());
     let label = |difficulty: Option<f64>| difficulty.map(Axis::label).unwrap_or_default();
-    match (holds, breaks) {
+    let words = match (holds, breaks) {
         (_, None) if !tested.iter().all(is_own) => format!("holds {}", label(holds)),
         (_, None) => "holds".into(),
         (None, Some(_)) if !tested.first().is_some_and(is_own) => format!("{} or before", label(breaks)),
         (None, Some(_)) => "at once".into(),
         (Some(_), Some(_)) => format!("{} (holds {})", label(breaks), label(holds)),
-    }
+    };
+    let cells: Vec<&Cell> = breaks.or(holds).into_iter().flat_map(at).collect();
+    let solved = cells.iter().filter(|cell| cell.verdict == Verdict::Solved).count();
+    if cells.len() > 1 { format!("{words}: {solved} of {}", cells.len()) } else { words }
 }
 
 /// Difficulties of which there are cells.
 pub fn tested(results: &Results, axis: &Axis) -> Vec<f64> {
-    let has = |d: &f64| results.cells.iter().any(|cell| cell.axis == axis.name && cell.difficulty == *d);
+    let has = |d: &f64| results.cells().any(|cell| cell.axis == axis.name && cell.difficulty == *d);
     axis.difficulties.iter().copied().filter(has).collect()
 }
 
 /// The cells of one method on one axis.
 pub fn cells<'a>(results: &'a Results, axis: &Axis, method: &str) -> impl Iterator<Item = &'a Cell> {
-    results.cells.iter().filter(move |cell| cell.axis == axis.name && cell.method == method)
+    results.cells().filter(move |cell| cell.axis == axis.name && cell.method == method)
 }
 
 fn one_axis(text: &mut String, results: &Results, axis: &Axis, methods: &[&str]) {
@@ -95,12 +102,14 @@ fn one_axis(text: &mut String, results: &Results, axis: &Axis, methods: &[&str])
 
 /// Results of a method at one difficulty, over all seeds.
 pub struct Summary<'a> {
-    /// The median figure; for scenes in pixels' footprints above the floor.
-    pub value: Option<f64>,
+    /// The figures of all seeds that have one, ascending; for scenes in pixels' footprints above the floor.
+    pub values: Vec<f64>,
     /// Why seeds failed, each reason once.
-    pub reasons: Vec<&'a str>,
-    /// How many failed.
-    pub failed: usize,
+    reasons: Vec<&'a str>,
+    /// How many are solved.
+    solved: usize,
+    /// How many there are.
+    all: usize,
 }
 
 /// Summarises the cells of one method and one difficulty.
@@ -113,22 +122,40 @@ pub fn summary<'a>(cells: &[&'a Cell], case: Option<&Case>) -> Summary<'a> {
     values.sort_by(f64::total_cmp);
     let mut reasons: Vec<&str> =
         cells.iter().filter(|cell| cell.verdict != Verdict::Solved).map(|cell| cell.verdict.name()).collect();
-    let failed = reasons.len();
+    let solved = cells.len() - reasons.len();
     reasons.sort_unstable();
     reasons.dedup();
-    Summary { value: values.get(values.len() / 2).copied(), reasons, failed }
+    Summary { values, reasons, solved, all: cells.len() }
+}
+
+impl Summary<'_> {
+    /// How many seeds are solved, where there are several, and why the others are not; `None` where all are solved.
+    pub fn failure(&self) -> Option<String> {
+        let reasons = self.reasons.join(", ");
+        match self.all {
+            _ if self.solved == self.all => None,
+            1 => Some(reasons),
+            all => Some(format!("{} of {all}: {reasons}", self.solved)),
+        }
+    }
+
+    /// Median and range.
+    fn figure(&self) -> Option<String> {
+        let print = |value: f64| format!("{value:.3}");
+        let (low, high) = (print(*self.values.first()?), print(*self.values.last()?));
+        let median = print(median(&self.values));
+        Some(if low == high { median } else { format!("{median} ({low}-{high})") })
+    }
 }
 
 /// A summary in a table.
 fn entry(cells: &[&Cell], case: Option<&Case>) -> String {
-    let Summary { value, reasons, failed } = summary(cells, case);
-    let value = value.map(|value| format!("{value:.3}"));
-    let share = if cells.len() > 1 && failed > 0 { format!(" ({failed} of {})", cells.len()) } else { String::new() };
-    match (value, failed) {
-        (_, _) if cells.is_empty() => String::new(),
-        (Some(value), 0) => value,
-        (Some(value), _) => format!("**{value}** {}{share}", reasons.join(", ")),
-        (None, _) => format!("**{}**{share}", reasons.join(", ")),
+    let summary = summary(cells, case);
+    match (summary.figure(), summary.failure()) {
+        (Some(figure), None) => figure,
+        (Some(figure), Some(failure)) => format!("**{figure}** {failure}"),
+        (None, Some(failure)) => format!("**{failure}**"),
+        (None, None) => String::new(),
     }
 }
 
@@ -137,11 +164,38 @@ mod tests {
     use dvr_stress::{Figures, axes};
 
     use super::*;
-    use crate::commands::machine::Machine;
+    use crate::commands::stress::results::Row;
 
     fn cell(method: &str, difficulty: f64, verdict: Verdict, value: Option<f64>) -> Cell {
         let figures = value.map(|_| Figures { floor: 0.002, ..Figures::default() });
         Cell { axis: "views".into(), difficulty, method: method.into(), seed: 0, verdict, value, figures, note: None }
+    }
+
+    /// The cells as if this program had made them.
+    fn results(cells: impl IntoIterator<Item = Cell>) -> Results {
+        Results { cells: cells.into_iter().map(Row::of_this_program).collect() }
+    }
+
+    #[test]
+    fn one_seed_that_fails_is_no_longer_holding() {
+        let seeds = |difficulty: f64, verdicts: [Verdict; 3]| {
+            let cells = [0.002, 0.004, 0.006].into_iter().zip(verdicts).enumerate();
+            cells.map(move |(seed, (value, verdict))| Cell {
+                seed: seed as u64,
+                ..cell("grid", difficulty, verdict, Some(value))
+            })
+        };
+        let axes: Vec<Axis> = axes().into_iter().filter(|axis| axis.name == "views").collect();
+        let all = [Verdict::Solved; 3];
+        let text = markdown(&results(seeds(24.0, all)), &axes);
+        assert!(text.contains("| views | views | 24 | holds: 3 of 3 |"), "{text}");
+        let one_fails = [Verdict::Solved, Verdict::Inaccurate, Verdict::Solved];
+        let text = markdown(&results(seeds(24.0, all).chain(seeds(6.0, one_fails))), &axes);
+        assert!(text.contains("| 24, 6 | 6 (holds 24): 2 of 3 |"), "{text}");
+        let cells = text.lines().find(|line| line.starts_with("| 6 |")).unwrap();
+        assert!(cells.contains("(0.000-") && cells.contains("** 2 of 3: inaccurate |"), "{cells}");
+        let text = markdown(&results(seeds(24.0, one_fails)), &axes);
+        assert!(text.contains("| at once: 2 of 3 |"), "{text}");
     }
 
     #[test]
@@ -151,7 +205,7 @@ mod tests {
             cell("grid", 6.0, Verdict::Inaccurate, Some(0.1)),
             cell("hull", 24.0, Verdict::Empty, None),
         ];
-        let results = Results { machine: Machine::this(), cells };
+        let results = results(cells);
         let axes: Vec<Axis> = axes().into_iter().filter(|axis| axis.name == "views").collect();
         let text = markdown(&results, &axes);
         assert!(text.contains("| views | views | 24, 6 | 6 (holds 24) | at once |"), "{text}");
@@ -161,8 +215,7 @@ mod tests {
         // A rival that was tested only where the other fails.
         let rival = |verdict| {
             let cells = [cell("grid", 24.0, Verdict::Solved, None), cell("grid", 6.0, Verdict::Empty, None)];
-            let cells = cells.into_iter().chain([cell("rival", 6.0, verdict, None)]).collect();
-            markdown(&Results { machine: Machine::this(), cells }, &axes)
+            markdown(&self::results(cells.into_iter().chain([cell("rival", 6.0, verdict, None)])), &axes)
         };
         assert!(rival(Verdict::Empty).contains("| 6 (holds 24) | 6 or before |"));
         assert!(rival(Verdict::Solved).contains("| 6 (holds 24) | holds 6 |"));

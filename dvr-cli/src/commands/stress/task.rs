@@ -1,20 +1,24 @@
 //! One cell: a scene is rendered, reconstructed, measured and judged.
 
 use std::path::{Path, PathBuf};
-use std::sync::atomic::Ordering;
 use std::time::Instant;
 
 use anyhow::{Context, Result};
+use dvr_core::Cancellation;
 use dvr_core::mesh::read_mesh;
+use dvr_core::record::{Digest, RecordKey};
 use dvr_render::SlopeRule;
-use dvr_stress::{Axis, Case, Cell, GradientTest, Kind, Verdict, judge, measure, write_scene};
+use dvr_stress::{Axis, Case, Cell, GradientTest, Kind, Verdict, judge, measure};
 use dvr_train::RunFolder;
 use serde::{Deserialize, Serialize};
+use serde_json::json;
 
-use crate::EXIT_INTERRUPTED;
+use super::results::Row;
+use super::scene::StressScene;
 use crate::args::Variant;
-use crate::commands::job::{Ended, Job, once, stored};
-use crate::interrupt::INTERRUPTED;
+use crate::commands::job::{Ended, Job};
+use crate::commands::kept_row::{Kept, keep, kept};
+use crate::commands::provenance::record_key;
 
 /// Slope rules by name.
 const RULES: [(&str, SlopeRule); 2] =
@@ -32,9 +36,10 @@ pub struct Task<'a> {
 
 /// A cell as it is stored, with its time, which results leave out because it varies.
 #[derive(Serialize, Deserialize)]
-struct Stored {
+pub struct Stored {
     cell: Cell,
-    seconds: f64,
+    /// Wall seconds that it took.
+    pub seconds: f64,
 }
 
 impl Task<'_> {
@@ -53,44 +58,85 @@ impl Task<'_> {
         matches!(self.axis.kind, Kind::Scene(_)) && ![name, "hull"].contains(&&*self.variant.name)
     }
 
+    fn scene(&self) -> StressScene<'_> {
+        StressScene { axis: self.axis, difficulty: self.difficulty, seed: self.seed, out: self.out }
+    }
+
     fn scene_name(&self) -> String {
-        format!("{}.{}.{}", self.axis.name, Axis::label(self.difficulty), self.seed)
+        self.scene().name()
     }
 
     fn file(&self, variant: &str) -> PathBuf {
         self.out.join("cells").join(format!("{}.{variant}.json", self.scene_name()))
     }
 
-    /// How long it took, where it is stored.
-    pub fn seconds(&self) -> Result<Option<f64>> {
-        Ok(stored::<Stored>(&self.file(&self.variant.name))?.map(|kept| kept.seconds))
+    /// The key of this cell on a scene of that digest.
+    fn key(&self, scene: Digest) -> Result<RecordKey> {
+        let settings = match self.axis.kind {
+            Kind::Gradient(_) => json!({ "slope_rule": self.variant.name }),
+            Kind::Scene(_) => {
+                let (path, folder) = (self.scene().folder(), self.run_folder());
+                self.job(&path, &folder, &Cancellation::default()).settings().with_context(|| self.name())?
+            }
+        };
+        let Self { axis, difficulty, seed, .. } = self;
+        let measured = json!({ "axis": axis.name, "difficulty": difficulty, "seed": seed, "method": settings });
+        record_key(scene, &measured, "cpu")
     }
 
-    /// The cell, which is computed unless it is stored; `None` after Ctrl-C.
-    pub fn cell(&self) -> Result<Option<Cell>> {
-        let mut stopped = false;
-        let kept = once(&self.file(&self.variant.name), || {
-            let start = Instant::now();
-            let cell = match self.axis.kind {
-                Kind::Gradient(test) => Some(self.gradient(test)),
-                Kind::Scene(case) => self.reconstruct(&case(self.difficulty))?,
-            };
-            stopped = cell.is_none();
-            Ok(Stored { cell: cell.context("stopped")?, seconds: start.elapsed().as_secs_f64() })
-        });
-        match kept {
-            Err(_) if stopped => Ok(None),
-            kept => Ok(Some(self.judged(kept?.cell)?)),
+    /// What is kept of it, on the scene as it lies there.
+    ///
+    /// # Errors
+    /// When its file is damaged, or the method would refuse its settings.
+    pub fn kept(&self) -> Result<Kept<Stored>> {
+        match self.scene().digest()? {
+            Some(digest) => kept(&self.file(&self.variant.name), &self.key(digest)?),
+            None => Ok(Kept::Nothing),
         }
     }
 
-    /// The cell with its verdict, which depends on the hull, whose cell may be newer.
-    fn judged(&self, mut cell: Cell) -> Result<Cell> {
+    /// The cell, which is computed unless it is kept.
+    ///
+    /// # Errors
+    /// When a file cannot be read or written, the method not be started, or somebody wanted it to end.
+    pub fn row(&self, cancellation: &Cancellation) -> Result<Row> {
+        let key = self.key(self.scene().ready()?)?;
+        let file = self.file(&self.variant.name);
+        let stored = match kept::<Stored>(&file, &key)? {
+            Kept::Row(stored) => stored,
+            _ => {
+                let start = Instant::now();
+                let cell = match self.axis.kind {
+                    Kind::Gradient(test) => self.gradient(test),
+                    Kind::Scene(case) => self.reconstruct(&case(self.difficulty), cancellation)?,
+                };
+                keep(&file, &key, Stored { cell, seconds: start.elapsed().as_secs_f64() })?
+            }
+        };
+        Ok(Row { cell: self.judged(stored.cell, &key)?, key })
+    }
+
+    /// The cell with its verdict, which depends on the hull of the same scene, whose cell may be newer.
+    fn judged(&self, mut cell: Cell, key: &RecordKey) -> Result<Cell> {
         if let (Some(figures), Some(case)) = (&cell.figures, self.axis.case(self.difficulty)) {
-            let hull = stored::<Stored>(&self.file("hull"))?.and_then(|kept| kept.cell.figures);
+            let variant = Variant { name: "hull".into(), method: "hull".into(), settings: vec![] };
+            let hull = Task { variant, ..*self };
+            let hull = match kept::<Stored>(&hull.file("hull"), &hull.key(key.scene.clone())?)? {
+                Kept::Row(stored) => stored.cell.figures,
+                _ => None,
+            };
             cell.verdict = judge(&case, figures, hull.as_ref().filter(|hull| hull.faces > 0));
         }
         Ok(cell)
+    }
+
+    fn run_folder(&self) -> RunFolder {
+        RunFolder::new(self.out.join("runs").join(self.name()))
+    }
+
+    fn job<'a>(&'a self, scene: &'a Path, folder: &'a RunFolder, cancellation: &'a Cancellation) -> Job<'a> {
+        let (variant, seed) = (&self.variant, self.seed);
+        Job { scene, folder, variant, supervision: "rgb", seed, time: None, follow_shape: false, cancellation }
     }
 
     fn blank(&self, verdict: Verdict) -> Cell {
@@ -117,35 +163,26 @@ impl Task<'_> {
         Cell { value: Some(figure), ..self.blank(verdict) }
     }
 
-    fn reconstruct(&self, case: &Case) -> Result<Option<Cell>> {
-        let scene = self.out.join("scenes").join(self.scene_name());
-        if !scene.exists() {
-            write_scene(case, &self.scene_name(), self.seed, self.out)?;
-        }
-        let folder = RunFolder::new(self.out.join("runs").join(self.name()));
-        let (variant, seed) = (&self.variant, self.seed);
-        let job =
-            Job { scene: &scene, folder: &folder, variant, supervision: "rgb", seed, time: None, follow_shape: false };
-        let cell = match job.run()? {
+    fn reconstruct(&self, case: &Case, cancellation: &Cancellation) -> Result<Cell> {
+        let (scene, folder) = (self.scene().folder(), self.run_folder());
+        let cell = match self.job(&scene, &folder, cancellation).run()? {
             Ended::Measured { metrics, .. } => {
                 let mesh = metrics.mesh.map(|_| read_mesh(folder.mesh_ply())).transpose()?;
                 let figures = measure(case, self.seed, mesh.as_ref().map(|read| &read.mesh))?;
                 let verdict = judge(case, &figures, None);
                 let value = figures.seen_chamfer_l1.or(figures.chamfer_l1);
-                Some(Cell { value, figures: Some(figures), ..self.blank(verdict) })
+                Cell { value, figures: Some(figures), ..self.blank(verdict) }
             }
-            Ended::Failed { code, .. } if code == Some(i32::from(EXIT_INTERRUPTED)) => None,
-            Ended::Failed { .. } if INTERRUPTED.load(Ordering::Relaxed) => None,
             Ended::Failed { said, code } => {
                 // A loss that is not finite is the method's failure, and so is a crash.
                 let is_explosion = code != Some(2) || said.contains("the loss became");
                 let verdict = if is_explosion { Verdict::Exploded } else { Verdict::Refused };
-                Some(Cell { note: Some(said), ..self.blank(verdict) })
+                Cell { note: Some(said), ..self.blank(verdict) }
             }
         };
         // Meshes take megabytes and can be made again by one command; figures and scene stay.
-        if folder.root().exists() {
-            std::fs::remove_dir_all(folder.root()).with_context(|| folder.root().display().to_string())?;
+        if folder.is_run() {
+            folder.replace()?.remove()?;
         }
         Ok(cell)
     }
@@ -166,7 +203,7 @@ mod tests {
         let verdict = |rule: &str, difficulty: f64| {
             let variant = Variant { name: rule.into(), method: String::new(), settings: vec![] };
             let task = Task { axis, difficulty, seed: 0, variant, out: folder.path() };
-            task.cell().unwrap().unwrap().verdict
+            task.row(&Cancellation::default()).unwrap().cell.verdict
         };
         assert_eq!([1.0, 0.0001].map(|scale| verdict("scale-free", scale)), [Verdict::Solved; 2]);
         assert_eq!([1.0, 0.0001].map(|s| verdict("classic-clamp", s)), [Verdict::Solved, Verdict::Inaccurate]);

@@ -184,7 +184,8 @@ fn read_sparse_points(
         // A point that no view sees is of no use; those who read the scene drop it.
         visible_in.iter_mut().zip(inside).filter(|(_, inside)| !inside).for_each(|(views, _)| views.clear());
     }
-    Ok(Some(SparsePoints { cloud: PointCloud { points, normals: None, colors }, visible_in }))
+    let cloud = PointCloud { points, normals: None, colors };
+    Ok(Some(SparsePoints { cloud, visible_in, bearings: None, errors_px: None }))
 }
 
 /// Indices that an array selects of `length` items: a mask, or the indices themselves.

@@ -20,6 +20,8 @@ use super::raw_scene::RawScene;
 use crate::error::{Error, Result};
 use layout::Layout;
 
+pub(super) use colmap::read_verified_points as read_colmap_points;
+
 /// Every layout, in the order in which they are looked for.
 const LAYOUTS: &[&Layout] = &[&transforms::LAYOUT, &middlebury::LAYOUT, &colmap::LAYOUT, &idr::LAYOUT, &dvr::LAYOUT];
 

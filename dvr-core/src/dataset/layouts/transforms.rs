@@ -4,6 +4,7 @@
 //! a camera of ours here and nowhere else. Pixel centres are at half integers. Intrinsics stand at the top or in each
 //! frame. Documentation: <https://docs.nerf.studio/quickstart/data_conventions.html>.
 
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DVec3};
@@ -17,7 +18,9 @@ use crate::dataset::pairing::{folder_of, partners, pictures, sub_folder, view_na
 use crate::dataset::raw_scene::{ObjectBounds, Projection, RawScene, RawView, is_rotation};
 use crate::error::{Error, Result};
 use crate::files::{image_size, read_bytes};
-use crate::scene::{GroundTruth, Split};
+use crate::mesh::{TexturedMesh, read_mesh};
+use crate::points::PointCloud;
+use crate::scene::{GroundTruth, SparsePoints, Split};
 
 /// NeRF's and nerfstudio's `transforms.json`, or `transforms_{train,val,test}.json`.
 pub(super) const LAYOUT: Layout = Layout {
@@ -40,8 +43,10 @@ struct Transforms {
     #[serde(flatten)]
     lens: Lens,
     frames: Vec<Frame>,
-    val_filenames: Option<Vec<String>>,
-    test_filenames: Option<Vec<String>>,
+    val_filenames: Option<HashSet<String>>,
+    test_filenames: Option<HashSet<String>>,
+    /// nerfstudio: a cloud of sparse points in the world of the cameras.
+    ply_file_path: Option<String>,
 }
 
 #[derive(Deserialize)]
@@ -94,9 +99,10 @@ fn find(path: &Path, _: &ReadOptions) -> Result<RawScene> {
     };
     let root = folder_of(&cameras);
     let mut warnings = Vec::new();
-    let mut listed = Vec::new();
+    let (mut listed, mut sparse_points) = (Vec::new(), None);
     for (file, split) in &files {
-        find_frames(file, *split, &root, &mut listed, &mut warnings)?;
+        let cloud = find_frames(file, *split, &root, &mut listed, &mut warnings)?;
+        sparse_points = sparse_points.or(cloud);
     }
     if listed.is_empty() {
         return Err(Error::format(&cameras, "there are no frames", "List at least two pictures in `frames`."));
@@ -116,20 +122,20 @@ fn find(path: &Path, _: &ReadOptions) -> Result<RawScene> {
         views: listed,
         files_to_world: Similarity::default(),
         object_bounds: ObjectBounds::Unknown,
-        sparse_points: None,
+        sparse_points,
         ground_truth: GroundTruth::default(),
         warnings,
     })
 }
 
-/// Appends the views of one file, their names still to be made.
+/// Appends the views of one file, their names still to be made; gives the sparse points that it names.
 fn find_frames(
     file: &Path,
     split: Split,
     root: &Path,
     views: &mut Vec<RawView>,
     warnings: &mut Vec<String>,
-) -> Result<()> {
+) -> Result<Option<SparsePoints>> {
     let transforms: Transforms = serde_json::from_slice(&read_bytes(file)?).map_err(|error| {
         Error::format(file, format!("not the JSON of a scene ({error})"), "Export the cameras again.")
     })?;
@@ -157,7 +163,24 @@ fn find_frames(
             file.display()
         ));
     }
-    Ok(())
+    Ok(transforms.ply_file_path.as_ref().and_then(|cloud| sparse_points(&root.join(cloud), warnings)))
+}
+
+/// The points of a PLY file, of which nobody says which views see them. Where they cannot be read, a warning says so: a
+/// scene is whole without them.
+fn sparse_points(path: &Path, warnings: &mut Vec<String>) -> Option<SparsePoints> {
+    match read_mesh(path) {
+        Ok(TexturedMesh { mesh, .. }) if !mesh.vertices.is_empty() => Some(SparsePoints {
+            visible_in: vec![Vec::new(); mesh.vertices.len()],
+            cloud: PointCloud { points: mesh.vertices, normals: None, colors: mesh.colors },
+            ..SparsePoints::default()
+        }),
+        Ok(_) => None,
+        Err(error) => {
+            warnings.push(format!("sparse points are left out: {error}"));
+            None
+        }
+    }
 }
 
 /// The view of a frame whose picture is `image`; `split` is that of the file.
@@ -186,7 +209,7 @@ fn view_of_frame(
             "It must be 4x4 (or 3x4) numbers, camera to world, without stretch or mirror.",
         )
     })?;
-    let is_in = |list: &Option<Vec<String>>| list.as_ref().is_some_and(|list| list.contains(&frame.file_path));
+    let is_in = |list: &Option<HashSet<String>>| list.as_ref().is_some_and(|list| list.contains(&frame.file_path));
     let split = match () {
         () if is_in(&transforms.test_filenames) => Split::Test,
         () if is_in(&transforms.val_filenames) => Split::Val,

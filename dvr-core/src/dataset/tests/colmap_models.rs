@@ -6,6 +6,7 @@ use glam::DQuat;
 
 use super::*;
 use crate::dataset::layouts::find_views;
+use crate::verified_points::VerifiedPoints;
 
 /// A COLMAP model: camera 7 for every second image, 3 for the others; three points.
 struct ColmapBall<'a> {
@@ -41,6 +42,19 @@ impl<'a> ColmapBall<'a> {
             .map(|(i, camera)| (100 - i as u32, DQuat::from_mat3(&camera.rotation), camera, format!("{i:04}.png")))
     }
 
+    /// The features of an image, in pixels with the index of a point: some of no point, then those of points, in order.
+    fn features(&self, id: u32) -> Vec<(DVec2, i64)> {
+        let camera = &self.ball.cameras[100 - id as usize];
+        let of_none = (0..id % 3).map(|i| (DVec2::new(f64::from(i), 2.5), -1));
+        let seen = self.points.iter().enumerate().filter(|(_, (_, _, track))| track.contains(&id));
+        of_none.chain(seen.map(|(index, (point, _, _))| (camera.project(*point).0, index as i64))).collect()
+    }
+
+    /// Which feature of an image shows a point.
+    fn feature_of(&self, id: u32, point: usize) -> u32 {
+        self.features(id).iter().position(|&(_, index)| index == point as i64).unwrap() as u32
+    }
+
     fn write_text(&self, folder: &Path) {
         std::fs::create_dir_all(folder).unwrap();
         let mut cameras = "# Camera list\n".to_owned();
@@ -50,14 +64,16 @@ impl<'a> ColmapBall<'a> {
             cameras +=
                 &format!("{id} PINHOLE {WIDTH} {HEIGHT} {} {} {} {}\n", k.x_axis.x, k.y_axis.y, k.z_axis.x, k.z_axis.y);
             let t = camera.translation;
-            let features = if id % 2 == 0 { "1.5 2.5 -1 3 4 8" } else { "" };
+            let features: Vec<String> =
+                self.features(id).iter().map(|(pixel, index)| format!("{} {} {index}", pixel.x, pixel.y)).collect();
+            let features = features.join(" ");
             images +=
                 &format!("{id} {} {} {} {} {} {} {} {id} {name}\n{features}\n", q.w, q.x, q.y, q.z, t.x, t.y, t.z);
         }
         let mut points = "# Points\n".to_owned();
         for (i, (p, [r, g, b], track)) in self.points.iter().enumerate() {
             points += &format!("{i} {} {} {} {r} {g} {b} 0.5", p.x, p.y, p.z);
-            track.iter().for_each(|id| points += &format!(" {id} 4"));
+            track.iter().for_each(|id| points += &format!(" {id} {}", self.feature_of(*id, i)));
             points += "\n";
         }
         std::fs::write(folder.join("cameras.txt"), cameras).unwrap();
@@ -83,8 +99,12 @@ impl<'a> ColmapBall<'a> {
             images.extend(id.to_le_bytes());
             images.extend(name.as_bytes());
             images.push(0);
-            images.extend(u64::from(id % 3).to_le_bytes());
-            (0..id % 3).for_each(|_| images.extend([0; 24]));
+            let features = self.features(id);
+            images.extend((features.len() as u64).to_le_bytes());
+            for (pixel, index) in features {
+                floats(&mut images, &pixel.to_array());
+                images.extend(index.to_le_bytes());
+            }
         }
         let mut points = (self.points.len() as u64).to_le_bytes().to_vec();
         for (i, (p, color, track)) in self.points.iter().enumerate() {
@@ -93,7 +113,9 @@ impl<'a> ColmapBall<'a> {
             points.extend(color);
             floats(&mut points, &[0.5]);
             points.extend((track.len() as u64).to_le_bytes());
-            track.iter().for_each(|id| points.extend([id.to_le_bytes(), 4u32.to_le_bytes()].concat()));
+            for id in track {
+                points.extend([id.to_le_bytes(), self.feature_of(*id, i).to_le_bytes()].concat());
+            }
         }
         std::fs::write(folder.join("cameras.bin"), cameras).unwrap();
         std::fs::write(folder.join("images.bin"), images).unwrap();
@@ -112,7 +134,16 @@ impl<'a> ColmapBall<'a> {
             assert!((back - *world).length() < 1e-3);
             assert_eq!(sparse.visible_in[i], track.iter().map(|id| 100 - *id as usize).collect::<Vec<_>>());
         }
-        assert_eq!(sparse.cloud.colors.unwrap()[0], [1.0, 0.0, 0.2]);
+        assert_eq!(sparse.cloud.colors.as_ref().unwrap()[0], [1.0, 0.0, 0.2]);
+        assert_eq!(sparse.errors_px, Some(vec![0.5; 2]));
+        // The pictures show the points where their cameras do.
+        for (i, (world, _, _)) in self.points[..2].iter().enumerate() {
+            for (&view, bearing) in sparse.visible_in[i].iter().zip(&sparse.bearings.as_ref().unwrap()[i]) {
+                let camera = &self.ball.cameras[view];
+                let p = camera.rotation * *world + camera.translation;
+                assert!((*bearing - DVec2::new(p.x, p.y) / p.z).length() < 1e-6, "{bearing}");
+            }
+        }
     }
 }
 
@@ -177,4 +208,31 @@ fn a_distorted_colmap_camera_names_the_undistorter() {
         error.contains("cameras.txt: line ") || error.contains("parameters") || error.contains("does not exist"),
         "{error}"
     );
+}
+
+#[test]
+fn the_points_of_a_model_come_with_their_tracks_where_its_other_files_lie_beside() {
+    let (ball, folder) = (Ball::new(), tempfile::tempdir().unwrap());
+    let colmap = ColmapBall::new(&ball);
+    colmap.write_binary(&folder.path().join("bin"));
+    colmap.write_text(&folder.path().join("txt"));
+    for kind in ["bin", "txt"] {
+        let file = folder.path().join(kind).join(format!("points3D.{kind}"));
+        let points = VerifiedPoints::read(&file).unwrap();
+        assert_eq!(points.points.len(), 3);
+        assert!((points.points[1] - colmap.points[1].0).length() < 1e-9);
+        let lengths: Vec<usize> = colmap.points.iter().map(|(_, _, track)| track.len()).collect();
+        assert_eq!((points.track_lengths.unwrap(), points.errors_px), (lengths, Some(vec![0.5; 3])));
+        let tracks = points.tracks.unwrap();
+        for (sights, (point, _, _)) in tracks.sights.iter().zip(&colmap.points) {
+            for sight in sights {
+                let camera = &tracks.cameras[sight.camera];
+                let p = camera.rotation * *point + camera.translation;
+                assert!((sight.bearing.unwrap() - DVec2::new(p.x, p.y) / p.z).length() < 1e-6);
+            }
+        }
+        std::fs::remove_file(folder.path().join(kind).join(format!("images.{kind}"))).unwrap();
+        let bare = VerifiedPoints::read(&file).unwrap();
+        assert_eq!((bare.points, bare.tracks), (points.points, None));
+    }
 }

@@ -241,3 +241,25 @@ fn nerf_splits_read_with_alpha_and_one_angle_for_all() {
     assert_eq!(scene.views[3].mask, Some(ball.mask(&ball.cameras[3])));
     assert_eq!(read(&root.join("transforms_train.json")).views.len(), 5);
 }
+
+#[test]
+fn the_cloud_of_nerfstudio_comes_along_where_it_is_on_the_object() {
+    let (ball, folder) = (Ball::new(), tempfile::tempdir().unwrap());
+    ball.write_transforms(folder.path());
+    let at = |x: f64| (ball.center + DVec3::new(0.0, x * ball.radius, 0.0)).as_vec3();
+    let cloud = crate::mesh::Mesh { vertices: vec![at(0.99), at(0.5), at(1.4)], ..Default::default() };
+    crate::mesh::write_mesh(folder.path().join("sparse_pc.ply"), &cloud).unwrap();
+    let path = folder.path().join("transforms.json");
+    let text = std::fs::read_to_string(&path).unwrap();
+    std::fs::write(&path, text.replacen('{', r#"{"ply_file_path": "sparse_pc.ply", "#, 1)).unwrap();
+    let scene = read(folder.path());
+    let sparse = scene.sparse_points.as_ref().unwrap();
+    assert_eq!(sparse.cloud.points.len(), 2, "the third is beside the ball");
+    assert!(!sparse.has_tracks() && sparse.visible_in.len() == 2);
+    let verified = crate::VerifiedPoints::of_scene(&scene).unwrap();
+    assert!((verified.points[0] - at(0.99).as_dvec3()).length() < 1e-3 && verified.tracks.is_none());
+    std::fs::remove_file(folder.path().join("sparse_pc.ply")).unwrap();
+    let without = read(folder.path());
+    assert!(without.sparse_points.is_none());
+    assert!(without.warnings.iter().any(|warning| warning.contains("sparse_pc.ply")), "{:?}", without.warnings);
+}

@@ -2,11 +2,13 @@
 
 mod bad_input;
 mod colmap_models;
+mod digests;
 mod fixtures;
 mod formats;
+mod known_scenes;
 mod object_datasets;
 mod options;
-mod shared;
+mod points_files;
 
 use std::path::{Path, PathBuf};
 

@@ -1,5 +1,7 @@
 //! Datasets of many objects, read view by view.
 
+use dvr_test_support::{scene, test_with};
+
 use super::*;
 use crate::files::write_rgba_png;
 use crate::scene::Split;
@@ -91,9 +93,9 @@ fn a_broken_object_harms_no_other() {
     assert!(objects.read_view(index("b"), 3).is_ok() && objects.read_view(index("c"), 4).is_ok());
 }
 
-#[test]
+#[test_with(scene("shapenet_choy_car"))]
 fn renders_of_3d_r2n2_are_inputs() {
-    let (Some(car), (_, folder)) = (dvr_test_support::scene("shapenet_choy_car/rendering"), dataset()) else { return };
+    let (car, (_, folder)) = (scene("shapenet_choy_car/rendering"), dataset());
     let inputs = tempfile::tempdir().unwrap();
     for object in ["02/c", "02/d", "balls/a", "balls/b"] {
         let to = inputs.path().join(object).join("rendering");

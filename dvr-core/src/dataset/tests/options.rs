@@ -1,6 +1,7 @@
 //! What the options do.
 
 use super::*;
+use crate::cancellation::Cancellation;
 use crate::mask_refinement::refine_masks;
 use crate::pixels::PixelStore;
 use crate::scene::{Split, View};
@@ -216,7 +217,7 @@ fn mask_files_are_refined_by_their_photographs_when_that_is_wanted() {
     let mut scene = read(folder.path());
     assert!(!scene.views[3].is_object(23, 17), "masks are read as they are");
     assert!(scene.warnings.is_empty(), "{:?}", scene.warnings);
-    let report = refine_masks(&mut scene).unwrap();
+    let report = refine_masks(&mut scene, &Cancellation::default()).unwrap();
     assert!(scene.views.iter().zip(&right).all(|(view, right)| view.training_mask() == Some(right)));
     assert!(!scene.views[3].is_object(23, 17), "masks as given stay");
     for part in ["1 of 9 masks leave out", "(12 pixels", "5 of 9 masks have a rim"] {
@@ -225,7 +226,7 @@ fn mask_files_are_refined_by_their_photographs_when_that_is_wanted() {
     // The same from a scratch file.
     let options = ReadOptions { max_memory: Some(0), ..ReadOptions::default() };
     let mut paged = read_scene(folder.path(), &options).unwrap();
-    assert_eq!(refine_masks(&mut paged).unwrap(), report);
+    assert_eq!(refine_masks(&mut paged, &Cancellation::default()).unwrap(), report);
     for (view, same) in paged.views.iter().zip(&scene.views) {
         assert_eq!(view.refined_mask, same.refined_mask);
         assert!(view.refined_mask.iter().all(|mask| mask.coverage.as_raw().is_paged()));

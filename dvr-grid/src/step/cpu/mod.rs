@@ -5,3 +5,4 @@ mod gather;
 mod rays;
 
 pub(crate) use backend::CpuBackend;
+pub(crate) use rays::RayContext;

@@ -4,7 +4,7 @@ use dvr_core::voxel::{Cell, VoxelGrid, VoxelTraversal};
 use dvr_render::SlopeRule;
 use glam::Vec3;
 
-use crate::color::{self, CHANNELS};
+use crate::color::{self, CHANNELS, ColorSample};
 use crate::constants::{CLEARANCE, MIN_COSINE};
 use crate::losses::term::{Comparison, SurfaceGradient, SurfaceHit};
 use crate::losses::{GridLosses, LossSums};
@@ -41,7 +41,7 @@ pub(crate) struct RayContext<'a> {
 impl<'a> RayContext<'a> {
     /// The gradient of a pixel's ray; `seed` chooses the views that it is compared with.
     pub fn ray_gradient(&self, pixel: &PixelRay, seed: u64, sums: &mut LossSums) -> Option<RayGradient> {
-        let origin = self.views[pixel.view as usize].center;
+        let origin = self.views[pixel.view as usize].camera.center;
         let hit = self.bitmask.first_crossing(self.values, origin, pixel.direction, 0.0, f32::INFINITY);
         sums.union += usize::from(pixel.object || hit.is_some());
         sums.intersection += usize::from(pixel.object && hit.is_some());
@@ -89,6 +89,27 @@ impl<'a> RayContext<'a> {
         RayGradient { shape_cell, color_cell, grad_value: -found.grad_depth * inverse_slope, grad_color }
     }
 
+    /// How far other views differ in colour from an object pixel at its hit, summed over the channels: their mean.
+    /// `None` where nothing is hit or none sees it.
+    pub fn color_difference(&self, pixel: &PixelRay, seed: u64) -> Option<f32> {
+        let origin = self.views[pixel.view as usize].camera.center;
+        let direction = pixel.direction;
+        let depth = self.bitmask.first_crossing(self.values, origin, direction, 0.0, f32::INFINITY)?;
+        if !pixel.object {
+            return None;
+        }
+        let point = origin + depth * direction;
+        let cell = self.shape.locate(point);
+        let (_, gradient) = cell.value_and_gradient(&self.shape.corners(self.values, cell.node));
+        let color = ColorSample { color: pixel.color, derivative: Vec3::ZERO };
+        let hit = SurfaceHit { pixel, origin, depth, point, inward: gradient.normalize_or_zero(), color };
+        let own = &self.views[pixel.view as usize];
+        let (sum, count) = (self.comparisons(own, &hit, seed))
+            .map(|other| (other.seen.color - pixel.color).abs().element_sum())
+            .fold((0.0, 0), |(sum, count), difference| (sum + difference, count + 1));
+        (count > 0).then(|| sum / count as f32)
+    }
+
     /// The other views of a hit that face its surface and see it.
     fn comparisons(
         &self,
@@ -99,7 +120,7 @@ impl<'a> RayContext<'a> {
         let (views, point, inward, direction) = (self.views, hit.point, hit.inward, hit.pixel.direction);
         compared(&own.neighbours, self.compared_views, seed).filter_map(move |view| {
             let view = &views[view as usize];
-            let to_view = view.center - point;
+            let to_view = view.camera.center - point;
             let distance = to_view.length();
             if -inward.dot(to_view) < MIN_COSINE * distance {
                 return None;

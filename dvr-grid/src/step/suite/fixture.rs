@@ -2,7 +2,7 @@
 
 use dvr_core::hull::MaskDistance;
 use dvr_core::voxel::VoxelGrid;
-use dvr_core::{Camera, DepthMap, Mask, Supervision, View, stored};
+use dvr_core::{Camera, Cancellation, DepthMap, Mask, Supervision, View, stored};
 use dvr_render::SlopeRule;
 use glam::DVec3;
 use image::{GrayImage, Rgb, RgbImage};
@@ -121,7 +121,7 @@ impl Fixture {
         };
         let grids = |masks: &[MaskDistance]| {
             let grid = VoxelGrid::new(33, 0.55);
-            let (mut base, active) = hull_start(masks, &grid, 0, None);
+            let (mut base, active) = hull_start(masks, &grid, 0, None, None, &Cancellation::default()).unwrap();
             for node in active.iter() {
                 base[node] += noise * grid.spacing() * (mix(node as u64) as f32 / u64::MAX as f32 - 0.5);
             }

@@ -2,6 +2,7 @@
 
 use burn::tensor::Device;
 use dvr_gpu::DeviceError;
+use dvr_test_support::test_with;
 
 use super::fixture::Fixture;
 use super::{Inspected, Make, steps};
@@ -12,9 +13,9 @@ use crate::step::backend::StepBackend;
 use crate::step::gpu::GpuBackend;
 use crate::step::record::RayRecord;
 
-/// The GPU, if there is one.
-fn gpu() -> Option<Device> {
-    dvr_test_support::gpu(dvr_gpu::open(0)).map(|gpu| gpu.device)
+/// The GPU.
+fn gpu() -> Device {
+    dvr_test_support::gpu(dvr_gpu::open(0)).device
 }
 
 /// A backend on a device.
@@ -24,7 +25,7 @@ fn backend(device: &Device, fixture: &Fixture, grids: Grids) -> Result<GpuBacken
 
 /// Runs a check of the suite.
 pub(super) fn on_a_gpu(check: &dyn Fn(Make)) {
-    let Some(device) = gpu() else { return };
+    let device = gpu();
     check(&|fixture, grids| Box::new(backend(&device, fixture, grids).unwrap()));
 }
 
@@ -39,9 +40,9 @@ impl Inspected for GpuBackend {
     }
 }
 
-#[test]
+#[test_with(gpu)]
 fn a_device_is_waited_for_only_where_it_is_asked() {
-    let Some(device) = gpu() else { return };
+    let device = gpu();
     let mut fixture = Fixture { is_reported: false, ..Fixture::hull(0.0, 600) };
     let mut backend = backend(&device, &fixture, fixture.grids.clone()).unwrap();
     assert!(steps(&mut backend, &mut fixture, 12).is_none());
@@ -60,9 +61,9 @@ fn a_device_that_is_no_gpu_is_refused() {
     assert!(matches!(refused, Err(Error::Device(DeviceError::NoGpu))));
 }
 
-#[test]
+#[test_with(gpu)]
 fn rays_beyond_the_memory_are_refused_with_their_size_and_the_device_is_still_good() {
-    let Some(device) = gpu() else { return };
+    let device = gpu();
     let mut fixture = Fixture::hull(0.0, 600);
     let mut backend = backend(&device, &fixture, fixture.grids.clone()).unwrap();
     let sums = steps(&mut backend, &mut fixture, 1);

@@ -1,7 +1,7 @@
 //! What every step backend must pass: a new one adds its constructor to the tests at the end.
 //!
 //! Gradients are compared with differences of the losses, term by term, as the list of terms names them; whole steps with
-//! those of the CPU. Tests on a GPU are skipped, with a line of output, where no driver offers one; a software adapter
+//! those of the CPU. Tests on a GPU are ignored where no driver is installed; a software adapter
 //! will do.
 
 mod fixture;
@@ -208,7 +208,8 @@ fn a_step_is_that_of_the_cpu(make: Make) {
         for ((name, ours), (_, truth)) in terms(&ours).into_iter().zip(terms(&truth)) {
             assert!((ours - truth).abs() < 1e-2 * truth.abs(), "{name}: {ours} {truth}");
         }
-        let tolerance = if unlike == 0 { 1e-3 } else { 0.1 };
+        // A ray that lies on a border moves the sums by its own share, and nothing else does.
+        let tolerance = 1e-3 + 0.1f64.min((2.0 * unlike as f64 / fixture.config.rays as f64).sqrt());
         let (gradients, expected) = (backend.gradients(), reference.gradients());
         let (moved, expected_state) = (state(&backend.grids().unwrap()), state(&reference.grids().unwrap()));
         let apart = [
@@ -244,26 +245,26 @@ fn steps_give_the_same_bits_twice_and_after_a_break(make: Make) {
 
 /// The suite for one backend.
 macro_rules! suite {
-    ($name:ident, $make:expr) => {
+    ($test:meta, $name:ident, $make:expr) => {
         mod $name {
             use super::*;
 
-            #[test]
+            #[$test]
             fn gradients_are_those_of_differences() {
                 $make(&super::gradients_are_those_of_differences);
             }
 
-            #[test]
+            #[$test]
             fn color_gradients_are_those_of_differences() {
                 $make(&super::color_gradients_are_those_of_differences);
             }
 
-            #[test]
+            #[$test]
             fn a_step_is_that_of_the_cpu() {
                 $make(&super::a_step_is_that_of_the_cpu);
             }
 
-            #[test]
+            #[$test]
             fn steps_give_the_same_bits_twice_and_after_a_break() {
                 $make(&super::steps_give_the_same_bits_twice_and_after_a_break);
             }
@@ -271,6 +272,6 @@ macro_rules! suite {
     };
 }
 
-suite!(cpu_backend, |check: &dyn Fn(Make)| check(&|_, grids| Box::new(CpuBackend::new(grids))));
+suite!(test, cpu_backend, |check: &dyn Fn(Make)| check(&|_, grids| Box::new(CpuBackend::new(grids))));
 #[cfg(feature = "gpu")]
-suite!(gpu_backend, gpu::on_a_gpu);
+suite!(dvr_test_support::test_with(gpu), gpu_backend, gpu::on_a_gpu);

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::model::{MODELS, Model, ModelCamera, ModelImage, ModelPoint};
+use super::model::{MODELS, Model, ModelCamera, ModelImage, ModelPoint, TrackEntry};
 use crate::error::{Error, Result};
 use crate::files::read_bytes;
 
@@ -31,27 +31,36 @@ pub(super) fn read_model(folder: &Path) -> Result<Model> {
         let translation = [bytes.f64()?, bytes.f64()?, bytes.f64()?];
         let (camera, name) = (bytes.u32()?, bytes.text()?);
         // Features are x, y and the id of a point, 8 bytes each.
-        let features = bytes.u64()?;
-        bytes.skip(features.checked_mul(24))?;
-        model.images.push(ModelImage { id, rotation, translation, camera, name });
+        let mut features = Vec::new();
+        for _ in 0..bytes.u64()? {
+            features.push([bytes.f64()? as f32, bytes.f64()? as f32]);
+            bytes.u64()?;
+        }
+        model.images.push(ModelImage { id, rotation, translation, camera, name, features });
     }
     let path = folder.join("points3D.bin");
     if path.is_file() {
-        let mut bytes = Bytes { path: &path, rest: &read_bytes(&path)? };
-        for _ in 0..bytes.u64()? {
-            bytes.u64()?;
-            let position = [bytes.f64()?, bytes.f64()?, bytes.f64()?];
-            let color = bytes.take()?;
-            bytes.f64()?;
-            let mut track = Vec::new();
-            for _ in 0..bytes.u64()? {
-                track.push(bytes.u32()?);
-                bytes.u32()?;
-            }
-            model.points.push(ModelPoint { position, color, track });
-        }
+        model.points = read_points(&path)?;
     }
     Ok(model)
+}
+
+/// `points3D.bin`.
+pub(super) fn read_points(path: &Path) -> Result<Vec<ModelPoint>> {
+    let mut bytes = Bytes { path, rest: &read_bytes(path)? };
+    let mut points = Vec::new();
+    for _ in 0..bytes.u64()? {
+        bytes.u64()?;
+        let position = [bytes.f64()?, bytes.f64()?, bytes.f64()?];
+        let color = bytes.take()?;
+        let error = bytes.f64()?;
+        let mut track = Vec::new();
+        for _ in 0..bytes.u64()? {
+            track.push(TrackEntry { image: bytes.u32()?, feature: bytes.u32()? });
+        }
+        points.push(ModelPoint { position, color, error, track });
+    }
+    Ok(points)
 }
 
 /// What is left of a file.
@@ -85,12 +94,6 @@ impl Bytes<'_> {
         let text = String::from_utf8_lossy(&self.rest[..length]).into_owned();
         self.rest = &self.rest[length + 1..];
         Ok(text)
-    }
-
-    fn skip(&mut self, length: Option<u64>) -> Result<()> {
-        let length = length.and_then(|length| usize::try_from(length).ok());
-        self.rest = length.and_then(|length| self.rest.get(length..)).ok_or_else(|| self.too_short())?;
-        Ok(())
     }
 
     fn too_short(&self) -> Error {

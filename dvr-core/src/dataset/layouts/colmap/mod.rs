@@ -4,12 +4,12 @@
 
 mod binary;
 mod model;
+mod points;
 mod text;
 
-use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-use glam::{DMat3, DQuat, DVec3, Vec3};
+use glam::{DMat3, DQuat, DVec3};
 
 use super::layout::Layout;
 use crate::camera::Similarity;
@@ -18,9 +18,9 @@ use crate::dataset::options::ReadOptions;
 use crate::dataset::pairing::{natural_order, sub_folder, view_names};
 use crate::dataset::raw_scene::{ObjectBounds, Projection, RawScene, RawView};
 use crate::error::{Error, Result};
-use crate::points::PointCloud;
-use crate::scene::{GroundTruth, SparsePoints, Split};
-use model::{Model, ModelCamera, ModelImage};
+use crate::scene::{GroundTruth, Split};
+use model::{ModelCamera, ModelImage};
+pub(in crate::dataset) use points::read_verified_points;
 
 /// COLMAP: a sparse model, text or binary, of undistorted images.
 pub(super) const LAYOUT: Layout = Layout {
@@ -80,7 +80,7 @@ fn find(path: &Path, _: &ReadOptions) -> Result<RawScene> {
         views,
         files_to_world: Similarity::default(),
         object_bounds: ObjectBounds::Unknown,
-        sparse_points: sparse_points(&model),
+        sparse_points: points::sparse_points(&model, &folder),
         ground_truth: GroundTruth::default(),
         warnings,
         root,
@@ -97,7 +97,8 @@ fn root_of(path: &Path, model: &Path) -> PathBuf {
     model.ancestors().take(3).find(holds_images).unwrap_or(path).to_owned()
 }
 
-fn projection(camera: &ModelCamera, image: &ModelImage, folder: &Path) -> Result<Projection> {
+/// The matrix `K` of an image's camera, and the size of its picture.
+fn lens(camera: &ModelCamera, image: &ModelImage, folder: &Path) -> Result<(DMat3, (u32, u32))> {
     let (focal_x, focal_y, cx, cy) = match (camera.model.as_str(), &camera.parameters[..]) {
         ("SIMPLE_PINHOLE", &[focal, cx, cy]) => (focal, focal, cx, cy),
         ("PINHOLE", &[focal_x, focal_y, cx, cy]) => (focal_x, focal_y, cx, cy),
@@ -126,6 +127,12 @@ fn projection(camera: &ModelCamera, image: &ModelImage, folder: &Path) -> Result
             ));
         }
     };
+    let k = DMat3::from_cols(DVec3::new(focal_x, 0.0, 0.0), DVec3::new(0.0, focal_y, 0.0), DVec3::new(cx, cy, 1.0));
+    Ok((k, size))
+}
+
+/// The rotation of an image, world to camera.
+fn rotation(image: &ModelImage, folder: &Path) -> Result<DMat3> {
     let [w, x, y, z] = image.rotation;
     let rotation = DQuat::from_xyzw(x, y, z, w);
     if !(rotation.length() > 0.5 && rotation.length() < 2.0) {
@@ -135,29 +142,10 @@ fn projection(camera: &ModelCamera, image: &ModelImage, folder: &Path) -> Result
             "Export the model again.",
         ));
     }
-    let k = DMat3::from_cols(DVec3::new(focal_x, 0.0, 0.0), DVec3::new(0.0, focal_y, 0.0), DVec3::new(cx, cy, 1.0));
-    let rotation = DMat3::from_quat(rotation.normalize());
-    Ok(Projection::from_parts(k, rotation, image.translation.into(), Some(size)))
+    Ok(DMat3::from_quat(rotation.normalize()))
 }
 
-/// The points with the views that see them, which are the images in their order.
-fn sparse_points(model: &Model) -> Option<SparsePoints> {
-    if model.points.is_empty() {
-        return None;
-    }
-    let view_of: HashMap<u32, usize> = model.images.iter().enumerate().map(|(view, image)| (image.id, view)).collect();
-    let visible_in = model.points.iter().map(|point| {
-        let mut views: Vec<usize> = point.track.iter().filter_map(|id| view_of.get(id).copied()).collect();
-        views.sort_unstable();
-        views.dedup();
-        views
-    });
-    Some(SparsePoints {
-        visible_in: visible_in.collect(),
-        cloud: PointCloud {
-            points: model.points.iter().map(|point| DVec3::from(point.position).as_vec3()).collect::<Vec<Vec3>>(),
-            normals: None,
-            colors: Some(model.points.iter().map(|point| point.color.map(|c| f32::from(c) / 255.0)).collect()),
-        },
-    })
+fn projection(camera: &ModelCamera, image: &ModelImage, folder: &Path) -> Result<Projection> {
+    let (k, size) = lens(camera, image, folder)?;
+    Ok(Projection::from_parts(k, rotation(image, folder)?, image.translation.into(), Some(size)))
 }

@@ -41,12 +41,24 @@ pub(super) struct ModelImage {
     pub(super) translation: [f64; 3],
     pub(super) camera: u32,
     pub(super) name: String,
+    /// Where features are, in pixels.
+    pub(super) features: Vec<[f32; 2]>,
 }
 
 #[derive(Debug, PartialEq)]
 pub(super) struct ModelPoint {
     pub(super) position: [f64; 3],
     pub(super) color: [u8; 3],
-    /// Ids of the images that see it.
-    pub(super) track: Vec<u32>,
+    /// Mean reprojection error in pixels.
+    pub(super) error: f64,
+    pub(super) track: Vec<TrackEntry>,
+}
+
+/// Where an image shows a point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct TrackEntry {
+    /// Id of the image.
+    pub(super) image: u32,
+    /// Index of its feature.
+    pub(super) feature: u32,
 }

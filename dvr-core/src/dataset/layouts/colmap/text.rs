@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::str::FromStr;
 
-use super::model::{Model, ModelCamera, ModelImage, ModelPoint};
+use super::model::{Model, ModelCamera, ModelImage, ModelPoint, TrackEntry};
 use crate::error::{Error, Result};
 use crate::files::read_text;
 
@@ -36,22 +36,35 @@ pub(super) fn read_model(folder: &Path) -> Result<Model> {
         let camera = words.next("the camera's id")?;
         // A name may hold spaces.
         let name = words.words.collect::<Vec<_>>().join(" ");
-        model.images.push(ModelImage { id, rotation, translation, camera, name });
-        lines.next();
+        let features = match lines.next() {
+            Some((number, line)) => Words::new(&path, number, line).rest::<f64>("a feature")?,
+            None => Vec::new(),
+        };
+        // Each is x, y and the id of a point.
+        let features = features.chunks_exact(3).map(|f| [f[0] as f32, f[1] as f32]).collect();
+        model.images.push(ModelImage { id, rotation, translation, camera, name, features });
     }
     let path = folder.join("points3D.txt");
     if path.is_file() {
-        for (number, line) in content(&read_text(&path)?).filter(|(_, line)| !line.is_empty()) {
-            let mut words = Words::new(&path, number, line);
-            words.next::<u64>("the point's id")?;
-            let position = words.array("a coordinate")?;
-            let color = words.array("a colour")?;
-            words.next::<f64>("the error")?;
-            let track: Vec<u32> = words.rest("the track")?;
-            model.points.push(ModelPoint { position, color, track: track.into_iter().step_by(2).collect() });
-        }
+        model.points = read_points(&path)?;
     }
     Ok(model)
+}
+
+/// `points3D.txt`.
+pub(super) fn read_points(path: &Path) -> Result<Vec<ModelPoint>> {
+    let mut points = Vec::new();
+    for (number, line) in content(&read_text(path)?).filter(|(_, line)| !line.is_empty()) {
+        let mut words = Words::new(path, number, line);
+        words.next::<u64>("the point's id")?;
+        let position = words.array("a coordinate")?;
+        let color = words.array("a colour")?;
+        let error = words.next("the error")?;
+        let track: Vec<u32> = words.rest("the track")?;
+        let track = track.chunks_exact(2).map(|entry| TrackEntry { image: entry[0], feature: entry[1] }).collect();
+        points.push(ModelPoint { position, color, error, track });
+    }
+    Ok(points)
 }
 
 /// Lines with their numbers, from 1, without comments.

@@ -1,5 +1,6 @@
-//! The scenes of `../shared`: real photographs, other people's files, and renders whose truth is known.
+//! The scenes of `DVR_SCENES`: real photographs, other people's files, and renders whose truth is known.
 
+use dvr_test_support::{scene, test_with};
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 
@@ -25,9 +26,9 @@ fn assert_placed(scene: &Scene, min_seeing: usize) {
     println!("{}: median {:?}, worst {:?}", scene.name, consistency[consistency.len() / 2], consistency.last());
 }
 
-#[test]
+#[test_with(scene("rendered"))]
 fn rendered_surfaces_fall_on_their_masks_at_their_depths() {
-    let Some(root) = dvr_test_support::scene("rendered") else { return };
+    let root = scene("rendered");
     for (resolution, object) in ["bunny", "rods", "plate", "sharp"].iter().flat_map(|o| [(64, o), (128, o)]) {
         let category = root.join(format!("res{resolution}/{object}"));
         let scene = read(&category);
@@ -96,9 +97,9 @@ fn plane_distance(scene: &Scene, tree: &ImmutableKdTree<f64, 3>, shift: f64) -> 
     distances.iter().sum::<f64>() / distances.len() as f64
 }
 
-#[test]
+#[test_with(scene("rendered/res64/bunny"))]
 fn depth_maps_are_exact_at_pixel_centres_and_nowhere_else() {
-    let Some(root) = dvr_test_support::scene("rendered/res64/bunny") else { return };
+    let root = scene("rendered/res64/bunny");
     let scene = read(&root);
     let points = scene.ground_truth.surface.as_ref().unwrap().points.iter().map(|p| p.as_dvec3().to_array());
     let tree = ImmutableKdTree::new_from_slice(&points.collect::<Vec<_>>()).unwrap();
@@ -108,11 +109,10 @@ fn depth_maps_are_exact_at_pixel_centres_and_nowhere_else() {
     assert!(corner > 5.0 * centre && next > 5.0 * centre);
 }
 
-#[test]
+#[test_with(scene("dino_sparse_ring"), scene("temple_sparse_ring"))]
 fn the_dinosaur_and_the_temple_fill_the_cube() {
-    let Some(root) = dvr_test_support::scene("") else { return };
     for name in ["dino_sparse_ring", "temple_sparse_ring"] {
-        let scene = read(&root.join(name));
+        let scene = read(&scene(name));
         assert_eq!((scene.views.len(), scene.format, scene.name.as_str()), (16, "Middlebury", name));
         assert_eq!(scene.views[0].image.dimensions(), (640, 480));
         assert!(scene.object_to_world.scale > 0.05 && scene.object_to_world.scale < 0.3, "metres");
@@ -121,9 +121,9 @@ fn the_dinosaur_and_the_temple_fill_the_cube() {
     }
 }
 
-#[test]
+#[test_with(scene("dtu_scan65"))]
 fn the_skull_fills_the_cube() {
-    let Some(root) = dvr_test_support::scene("dtu_scan65") else { return };
+    let root = scene("dtu_scan65");
     let scene = read(&root);
     assert_eq!((scene.views.len(), scene.format), (49, "IDR/NeuS"));
     assert!(scene.object_to_world.scale > 100.0 && scene.object_to_world.scale < 500.0, "millimetres");
@@ -135,9 +135,9 @@ fn the_skull_fills_the_cube() {
     assert!((read_scene(&root, &options).unwrap().object_to_world.scale - 2.0 * 164.60439).abs() < 1e-3);
 }
 
-#[test]
+#[test_with(scene("nerf_chair"))]
 fn the_chair_fills_the_cube() {
-    let Some(root) = dvr_test_support::scene("nerf_chair") else { return };
+    let root = scene("nerf_chair");
     let scene = read(&root);
     let count = |split| scene.views_of(split).count();
     assert_eq!((count(Split::Train), count(Split::Val), count(Split::Test)), (100, 10, 20));

@@ -1,12 +1,17 @@
 //! The final figures: shape against the truth, pictures against views that were not trained on.
 
+mod points;
+
+pub use points::PointsEvaluation;
+
 use dvr_core::inside::points_inside;
 use dvr_core::mesh::Mesh;
 use dvr_core::metrics::intersection_over_union;
 use dvr_core::metrics::picture::{mask_iou, psnr, ssim};
+use dvr_core::metrics::seen::{SeenScore, score_seen};
 use dvr_core::metrics::shape::{F_SCORE_THRESHOLDS, SURFACE_SAMPLES, ShapeScore, cloud_floor, score_surface};
 use dvr_core::sampling::sample_surface;
-use dvr_core::{GroundTruth, PointCloud, View};
+use dvr_core::{Camera, Cancellation, GroundTruth, PointCloud, View};
 use dvr_render::{Shader, render_view};
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
@@ -15,7 +20,7 @@ use crate::error::Result;
 use crate::export::preview::{to_rgb8, whitened};
 
 /// A shape against the truth. Lengths are in units of the object cube.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ShapeEvaluation {
     /// Distances, normals and F-scores, where the true surface is known.
     pub surface: Option<ShapeScore>,
@@ -23,6 +28,9 @@ pub struct ShapeEvaluation {
     pub floor: Option<ShapeScore>,
     /// Volume IoU on points of the cube, where the true occupancy is known.
     pub volume_iou: Option<f64>,
+    /// The surface again, where at least two views see it; `None` where that is not known.
+    #[serde(default)]
+    pub seen: Option<SeenScore>,
 }
 
 /// Renders of one view against its photograph.
@@ -38,13 +46,18 @@ pub struct ViewEvaluation {
     pub mask_iou: f64,
 }
 
-/// Scores a mesh in object space, which may be empty.
+/// Scores a mesh in object space, which may be empty: as a whole, and where at least two of `cameras` see it.
 ///
 /// # Errors
 /// When the truth is broken (points that are not finite).
-pub fn evaluate_shape(mesh: &Mesh, truth: &GroundTruth, seed: u64) -> Result<ShapeEvaluation> {
+pub fn evaluate_shape(mesh: &Mesh, truth: &GroundTruth, cameras: &[&Camera], seed: u64) -> Result<ShapeEvaluation> {
     let sampled = || PointCloud::from(sample_surface(mesh, SURFACE_SAMPLES, seed));
-    evaluate_points(sampled, |points| points_inside(mesh, points), truth, seed)
+    let whole = evaluate_points(sampled, |points| points_inside(mesh, points), truth, seed)?;
+    let seen = match &truth.surface {
+        Some(cloud) => score_seen(mesh, &sampled(), cloud, cameras, &F_SCORE_THRESHOLDS)?,
+        None => None,
+    };
+    Ok(ShapeEvaluation { seen, ..whole })
 }
 
 /// Scores a shape that is given by points sampled from its surface, and by whether points are inside.
@@ -65,20 +78,22 @@ pub(crate) fn evaluate_points(
     if let Some(samples) = &truth.occupancy {
         volume_iou = Some(intersection_over_union(&inside(&samples.points), &samples.inside)?);
     }
-    Ok(ShapeEvaluation { surface, floor, volume_iou })
+    Ok(ShapeEvaluation { surface, floor, volume_iou, seen: None })
 }
 
 /// Renders views in full and compares; `progress` hears how many are done.
 ///
 /// # Errors
-/// When a view's pictures differ in size.
+/// When a view's pictures differ in size; [`crate::Error::Cancelled`] where somebody wants it to end.
 pub fn evaluate_views(
     shader: &dyn Shader,
     views: &[&View],
+    cancellation: &Cancellation,
     mut progress: impl FnMut(usize),
 ) -> Result<Vec<ViewEvaluation>> {
     let mut results = Vec::with_capacity(views.len());
     for view in views {
+        cancellation.check()?;
         let Some(mask) = &view.mask else { continue };
         let rendering = render_view(shader, &view.camera);
         let (predicted, truth) = (to_rgb8(&rendering.color), whitened(view));

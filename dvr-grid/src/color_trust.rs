@@ -1,0 +1,80 @@
+//! How far colours may shape the surface: as far as the views agree on them.
+//!
+//! Terms that compare raw colours take a point's colour for the same from everywhere. On a render of constant light that
+//! holds to a hundredth; on a photograph of something shiny, or of changing exposure, it is off by a tenth and more, and
+//! such terms dent the surface until it explains highlights. So the difference of colour between views is measured on
+//! the surface itself: the share of hits where others agree with the pixel says how far raw colours count. What they
+//! lose goes to the patch NCC, which is blind to exposure, and to smoothness.
+
+use rayon::prelude::*;
+
+use crate::losses::GridLosses;
+use crate::step::StepInput;
+use crate::step::cpu::RayContext;
+use crate::step::draw::draw;
+
+/// Pixels that a measurement asks.
+const PIXELS: u64 = 4096;
+
+/// Steps from measurement to measurement.
+pub(crate) const EVERY: usize = 50;
+
+/// Mean difference, summed over three channels in `[0, 1]`, up to which views agree with a pixel.
+const AGREES: f32 = 0.05;
+
+/// Share of hits with agreement up to which colours count for nothing, and from which they count in full. Renders of
+/// constant light reach .65 to .9 while their surface is still learned, photographs .1 to .4.
+const SHARES: [f64; 2] = [0.4, 0.6];
+
+/// The weight of the patch NCC where raw colours count for nothing, as a factor.
+const PATCH_NCC: f64 = 2.0;
+
+/// The same for smoothness.
+const SMOOTHNESS: f64 = 2.0;
+
+/// How far raw colours count, in `[0, 1]`: by the pixels that would come next. In full where no view can be compared.
+pub(crate) fn color_trust(context: &RayContext, input: &StepInput) -> f64 {
+    let ask = |count: u64| {
+        let drawn = draw(input.order, input.config.seed, input.rays_drawn + count);
+        let pixel = input.views[drawn.view as usize].pixel_ray(drawn.view, drawn.pixel);
+        context.color_difference(&pixel, drawn.seed)
+    };
+    let found: Vec<f32> = (0..PIXELS).into_par_iter().filter_map(ask).collect();
+    if found.is_empty() {
+        return 1.0;
+    }
+    let agreeing = found.iter().filter(|&&difference| difference < AGREES).count();
+    let share = agreeing as f64 / found.len() as f64;
+    ((share - SHARES[0]) / (SHARES[1] - SHARES[0])).clamp(0.0, 1.0)
+}
+
+impl GridLosses {
+    /// The weights where raw colours count as far as `trust` says, in `[0, 1]`.
+    pub(crate) fn trusting_colors(&self, trust: f64) -> Self {
+        let doubt = 1.0 - trust;
+        let mut losses = self.clone();
+        // What a colour no longer says of the surface, it still says of the colour.
+        losses.detached_color.weight += doubt * losses.color.weight;
+        losses.color.weight *= trust;
+        losses.photo_consistency.weight *= trust;
+        losses.patch_ncc.weight *= 1.0 + doubt * (PATCH_NCC - 1.0);
+        losses.smoothness.weight *= 1.0 + doubt * (SMOOTHNESS - 1.0);
+        losses
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_colours_lose_goes_to_patches_and_smoothness_and_the_colour_is_still_learned() {
+        let losses = GridLosses::default();
+        assert_eq!(losses.trusting_colors(1.0), losses);
+        let doubted = losses.trusting_colors(0.0);
+        assert_eq!((doubted.color.weight, doubted.photo_consistency.weight), (0.0, 0.0));
+        assert_eq!(doubted.detached_color.weight, losses.color.weight);
+        assert!(doubted.patch_ncc.weight > losses.patch_ncc.weight);
+        assert!(doubted.smoothness.weight > losses.smoothness.weight);
+    }
+}

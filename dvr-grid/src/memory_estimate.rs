@@ -1,0 +1,52 @@
+//! What a run of the grid takes of main memory, estimated before it starts.
+//!
+//! The estimate is meant to lie above the truth. Measured peaks of whole processes (photographs of 48 to 150 views, two
+//! threads) were 196 to 431 MB with 128 cells and 830 to 1070 MB with 256, of which up to 240 MB are photographs and the
+//! program itself.
+
+use dvr_core::View;
+
+use crate::config::GridConfig;
+use crate::growth::Growth;
+
+/// Bytes of a node of the finest grid: base, values, gradient and slopes of the shape, whether it is active, and at
+/// the end of a stage the interpolated base, distances and what is stored; with the coarser levels. Parameters and
+/// moments are those of a band around the surface.
+const SHAPE_NODE: u64 = 52;
+
+/// Bytes of a node of the finest colour grid: three channels of base, values and gradient, parameters and moments, with the
+/// coarser levels.
+const COLOR_NODE: u64 = 80;
+
+/// Bytes of a parameter with its moments, its sum, and its copy in a checkpoint.
+const PARAMETER: u64 = 40;
+
+/// Bytes of a training view at most: the distance to the outline, on up to 512 x 512 cells, and what orders the pixels.
+const VIEW: u64 = 1_200_000;
+
+/// The same per pixel of small views, whose masks are resampled to four times as many cells along an edge.
+const SMALL_VIEW_PIXEL: u64 = 80;
+
+/// Bytes while the distances of a view are computed.
+const TRANSFORMED_VIEW: u64 = 5_000_000;
+
+/// Bytes of a ray of a step: its gradients by shape and colour.
+const RAY: u64 = 512;
+
+impl GridConfig {
+    /// Bytes that a run on these views takes at most, about, besides the photographs: with as many cells as it may grow
+    /// to.
+    pub fn memory_estimate(&self, train: &[&View]) -> u64 {
+        let cells = Growth::plan(self, train).max_cells() as u64;
+        let nodes = |cells: u64| (cells + 1).saturating_pow(3);
+        // Up to `whole_cells`, everything in the hull learns: half of the cube, at most.
+        let whole = nodes(cells.min(self.whole_cells as u64)) / 2;
+        let color = nodes(cells / self.color_coarseness.max(1) as u64);
+        let of_grids = [nodes(cells) * SHAPE_NODE, color * COLOR_NODE, whole * PARAMETER];
+        let pixels = |view: &&View| u64::from(view.image.width()) * u64::from(view.image.height());
+        let threads = rayon::current_num_threads() as u64;
+        let of_view = |view: &&View| VIEW.min(pixels(view) * SMALL_VIEW_PIXEL);
+        let of_views = [train.iter().map(of_view).sum(), threads * TRANSFORMED_VIEW];
+        of_grids.into_iter().chain(of_views).sum::<u64>() + self.rays as u64 * RAY
+    }
+}

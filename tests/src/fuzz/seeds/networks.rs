@@ -1,0 +1,126 @@
+//! Networks, fields and checkpoints.
+
+use burn::tensor::Device;
+use dvr_core::voxel::VoxelGrid;
+use dvr_grid::{GridField, GridValues, grid_file};
+use dvr_model::{DecoderConfig, EncoderConfig, ImageModelConfig, read_pytorch, to_safetensors};
+use dvr_train::{Checkpoint, ImportOptions, LearnerState, Supervision, import, method_by_name};
+
+use super::written;
+use crate::pytorch_file::{Entry, legacy_pytorch, write_pytorch};
+use crate::seeded;
+
+/// The tensors of a decoder of width 4 with two blocks, as a state dict, and Adam's state of them.
+fn checkpoint_of_decoder(prefix: &str) -> Entry {
+    let layers = [("fc_p", 4, 3), ("fc_out", 4, 4)];
+    let blocks = (0..2).flat_map(|i| [format!("blocks.{i}.fc_0"), format!("blocks.{i}.fc_1")]);
+    let layers = layers.map(|(name, out, input)| (name.to_owned(), out, input));
+    let layers = layers.into_iter().chain(blocks.map(|name| (name, 4, 4)));
+    let tensors: Vec<(String, Vec<usize>, Vec<f32>)> = layers
+        .flat_map(|(name, out, input)| {
+            let values = |count: usize| (0..count).map(|i| (i as f32).sin()).collect::<Vec<f32>>();
+            let weight = (format!("{prefix}{name}.weight"), vec![out, input], values(out * input));
+            [weight, (format!("{prefix}{name}.bias"), vec![out], values(out))]
+        })
+        .collect();
+    let count = tensors.len() as i32;
+    let moments = tensors.iter().enumerate().map(|(i, (_, shape, values))| {
+        let moment = |name: &str| (name.to_owned(), Entry::Tensor(shape.clone(), values.clone()));
+        let step = ("step".to_owned(), Entry::Whole(7));
+        (i.to_string(), Entry::Dict(vec![step, moment("exp_avg"), moment("exp_avg_sq")]))
+    });
+    let state = Entry::Dict(moments.collect());
+    let group = Entry::Dict(vec![
+        ("lr".into(), Entry::Number(1e-4)),
+        ("params".into(), Entry::List((0..count).map(Entry::Whole).collect())),
+    ]);
+    let optimizer = Entry::Dict(vec![("state".into(), state), ("param_groups".into(), Entry::List(vec![group]))]);
+    Entry::Dict(vec![
+        ("model".into(), Entry::tensors(tensors)),
+        ("optimizer".into(), optimizer),
+        ("epoch_it".into(), Entry::Whole(3)),
+        ("it".into(), Entry::Whole(77)),
+        ("loss_val_best".into(), Entry::Number(0.25)),
+    ])
+}
+
+pub(in crate::fuzz) fn pt() -> Vec<Vec<u8>> {
+    vec![written("a.pt", |path| write_pytorch(path, &checkpoint_of_decoder("decoder.")))]
+}
+
+pub(in crate::fuzz) fn pt_legacy() -> Vec<Vec<u8>> {
+    vec![legacy_pytorch(&checkpoint_of_decoder("decoder."))]
+}
+
+pub(in crate::fuzz) fn safetensors() -> Vec<Vec<u8>> {
+    let device = Device::flex();
+    let decoder = DecoderConfig::new().with_hidden(4).with_blocks(2).with_octaves(1);
+    let network = seeded(1, || decoder.init(&device));
+    let coded = DecoderConfig::new().with_hidden(4).with_blocks(1).with_code_dim(3);
+    let model = ImageModelConfig { encoder: EncoderConfig::Codes { objects: 2 }, decoder: coded };
+    let codes = seeded(2, || model.init(&device));
+    let bytes = [to_safetensors(&network, &decoder), to_safetensors(&codes, &model)];
+    bytes.map(|bytes| bytes.unwrap_or_else(|e| panic!("{e}"))).into()
+}
+
+/// A ball on a grid.
+fn ball(nodes: usize, color_nodes: usize) -> GridField {
+    let (shape, color) = (VoxelGrid::new(nodes, 0.55), VoxelGrid::new(color_nodes, 0.55));
+    let values = (0..shape.len()).map(|node| 0.3 - shape.position(node).length()).collect();
+    let colors = (0..3 * color.len()).map(|i| (i % 7) as f32 / 7.0).collect();
+    GridField::new(GridValues { grid: shape, values }, GridValues { grid: color, values: colors })
+}
+
+pub(in crate::fuzz) fn scene_dvr() -> Vec<Vec<u8>> {
+    [(9, 5), (5, 3), (3, 2)]
+        .map(|(nodes, colors)| grid_file::to_bytes(&ball(nodes, colors)).unwrap_or_else(|e| panic!("{e}")))
+        .into()
+}
+
+/// A grid's, an imported network's, and that of a model of two objects with codes.
+pub(in crate::fuzz) fn checkpoints() -> Vec<Vec<u8>> {
+    let saved =
+        |checkpoint: &Checkpoint| written("a.ckpt", |path| checkpoint.save(path).unwrap_or_else(|e| panic!("{e}")));
+    let network = imported();
+    let method = method_by_name("grid", Supervision::Rgb).unwrap_or_else(|e| panic!("{e}"));
+    let mut grid = network.clone();
+    grid.header.method = method.record().unwrap_or_else(|e| panic!("{e}"));
+    grid.header.common = method.common();
+    grid.state = LearnerState { model: scene_dvr().remove(0), training: Vec::new() };
+    vec![saved(&grid), saved(&network)]
+}
+
+fn imported() -> Checkpoint {
+    let folder = tempfile::tempdir().unwrap_or_else(|e| panic!("no temporary folder: {e}"));
+    let path = folder.path().join("a.pt");
+    write_pytorch(&path, &checkpoint_of_decoder("decoder."));
+    let device = Device::flex();
+    let mut found = read_pytorch(&path, false, &device).unwrap_or_else(|e| panic!("{e}"));
+    import(&mut found, ImportOptions::default(), &device).unwrap_or_else(|e| panic!("{e}"))
+}
+
+/// Headers of networks that would take all memory, over few numbers.
+pub(in crate::fuzz) fn claiming() -> Vec<(&'static str, Vec<u8>)> {
+    let file = |format: &str, config: &str| {
+        let config = serde_json::to_string(config).unwrap_or_else(|e| panic!("{e}"));
+        let header = format!(
+            "{{\"__metadata__\":{{\"format\":\"{format}\",\"version\":\"1\",\"config\":{config}}},\
+             \"a\":{{\"dtype\":\"F32\",\"shape\":[1],\"data_offsets\":[0,4]}}}}"
+        );
+        [&(header.len() as u64).to_le_bytes()[..], header.as_bytes(), &[0; 4]].concat()
+    };
+    let decoder = |hidden: u64, blocks: u64, octaves: u64| {
+        format!("{{\"code_dim\":0,\"hidden\":{hidden},\"blocks\":{blocks},\"leaky\":false,\"octaves\":{octaves}}}")
+    };
+    let model = |encoder: &str| {
+        let decoder = decoder(4, 1, 0).replace("\"code_dim\":0", "\"code_dim\":3");
+        file("dvr-image-model", &format!("{{\"encoder\":{encoder},\"decoder\":{decoder}}}"))
+    };
+    vec![
+        ("a width of a million", file("dvr-decoder", &decoder(1 << 20, 5, 0))),
+        ("1e12 blocks of no width", file("dvr-decoder", &decoder(0, 1_000_000_000_000, 0))),
+        ("a width that overflows", file("dvr-decoder", &decoder(u64::MAX, u64::MAX, u64::MAX))),
+        ("1e12 codes", model("{\"kind\":\"codes\",\"objects\":1000000000000}")),
+        ("a convolution of width 1e9", model("{\"kind\":\"convolutional\",\"image_size\":64,\"width\":1000000000}")),
+    ]
+}
