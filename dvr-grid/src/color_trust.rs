@@ -8,6 +8,7 @@
 
 use rayon::prelude::*;
 
+use crate::config::GridConfig;
 use crate::losses::GridLosses;
 use crate::step::StepInput;
 use crate::step::cpu::RayContext;
@@ -15,6 +16,9 @@ use crate::step::draw::draw;
 
 /// Pixels that a measurement asks.
 const PIXELS: u64 = 4096;
+
+/// With fewer answers than this, nothing is known: all is outline, as of what is a pixel or two thin.
+const FEWEST: usize = 100;
 
 /// Steps from measurement to measurement.
 pub(crate) const EVERY: usize = 50;
@@ -27,20 +31,28 @@ const AGREES: f32 = 0.05;
 const SHARES: [f64; 2] = [0.4, 0.6];
 
 /// The weight of the patch NCC where raw colours count for nothing, as a factor.
-const PATCH_NCC: f64 = 2.0;
+const PATCH_NCC: f64 = 4.0;
+
+/// The same for the scale of its robust function: what shines is never quite alike, and must not pull.
+const PATCH_SCALE: f64 = 0.1;
 
 /// The same for smoothness.
-const SMOOTHNESS: f64 = 2.0;
+const SMOOTHNESS: f64 = 3.0;
 
-/// How far raw colours count, in `[0, 1]`: by the pixels that would come next. In full where no view can be compared.
+/// The same for the rays of a step: one that only compares patches says less than one that sees colours.
+const RAYS: f64 = 2.0;
+
+/// How far raw colours count, in `[0, 1]`: by the pixels that would come next. In full where there is little to compare.
 pub(crate) fn color_trust(context: &RayContext, input: &StepInput) -> f64 {
     let ask = |count: u64| {
         let drawn = draw(input.order, input.config.seed, input.rays_drawn + count);
-        let pixel = input.views[drawn.view as usize].pixel_ray(drawn.view, drawn.pixel);
-        context.color_difference(&pixel, drawn.seed)
+        let view = &input.views[drawn.view as usize];
+        let pixel = view.pixel_ray(drawn.view, drawn.pixel);
+        // Pixels at the outline are part background.
+        if view.is_interior(pixel.pixel) { context.color_difference(&pixel, drawn.seed) } else { None }
     };
     let found: Vec<f32> = (0..PIXELS).into_par_iter().filter_map(ask).collect();
-    if found.is_empty() {
+    if found.len() < FEWEST {
         return 1.0;
     }
     let agreeing = found.iter().filter(|&&difference| difference < AGREES).count();
@@ -48,9 +60,17 @@ pub(crate) fn color_trust(context: &RayContext, input: &StepInput) -> f64 {
     ((share - SHARES[0]) / (SHARES[1] - SHARES[0])).clamp(0.0, 1.0)
 }
 
+impl GridConfig {
+    /// The settings where raw colours count as far as `trust` says, in `[0, 1]`.
+    pub(crate) fn trusting_colors(&self, trust: f64) -> Self {
+        let rays = self.rays as f64 * (1.0 + (1.0 - trust) * (RAYS - 1.0));
+        Self { losses: self.losses.trusting_colors(trust), rays: rays as usize, ..self.clone() }
+    }
+}
+
 impl GridLosses {
     /// The weights where raw colours count as far as `trust` says, in `[0, 1]`.
-    pub(crate) fn trusting_colors(&self, trust: f64) -> Self {
+    fn trusting_colors(&self, trust: f64) -> Self {
         let doubt = 1.0 - trust;
         let mut losses = self.clone();
         // What a colour no longer says of the surface, it still says of the colour.
@@ -58,6 +78,7 @@ impl GridLosses {
         losses.color.weight *= trust;
         losses.photo_consistency.weight *= trust;
         losses.patch_ncc.weight *= 1.0 + doubt * (PATCH_NCC - 1.0);
+        losses.patch_ncc.scale *= 1.0 + doubt * (PATCH_SCALE - 1.0);
         losses.smoothness.weight *= 1.0 + doubt * (SMOOTHNESS - 1.0);
         losses
     }

@@ -67,14 +67,16 @@ pub struct GridConfig {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Capacity {
-    /// Twice the cells again while that makes validation views better by at least `min_gain_db`, and cells are larger
-    /// than half the footprint of a pixel; at most `max_cells`.
+    /// Twice the cells again while validation photographs become more alike through the surface, and cells are larger
+    /// than half the footprint of a pixel; at most `max_cells`. Where these photographs are plain, their PSNR decides.
     Auto {
         /// Cells along an edge up to which growth is never taken back: the PSNR of a few views is too noisy.
         min_cells: usize,
         /// Most cells along an edge.
         max_cells: usize,
-        /// Gain in PSNR on validation views below which growth is taken back, dB.
+        /// Gain in likeness below which growth is taken back, in standard errors of that gain.
+        min_gain_errors: f64,
+        /// Gain in PSNR on validation views below which growth is taken back where likeness cannot be judged, dB.
         min_gain_db: f64,
     },
     /// This many cells along an edge, whatever it brings.
@@ -139,7 +141,7 @@ impl GridConfig {
         Self {
             supervision,
             seed: 0,
-            capacity: Capacity::Auto { min_cells: 64, max_cells: 256, min_gain_db: 0.1 },
+            capacity: Capacity::Auto { min_cells: 64, max_cells: 256, min_gain_errors: 2.0, min_gain_db: 0.1 },
             first_cells: 32,
             whole_cells: 128,
             max_bytes: 0,

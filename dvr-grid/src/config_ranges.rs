@@ -15,6 +15,7 @@ const RANGES: &[NumberRange] = &[
     whole("seed", 0, u64::MAX),
     whole("capacity.auto.min_cells", 0, CELLS),
     whole("capacity.auto.max_cells", 1, CELLS),
+    real("capacity.auto.min_gain_errors", -1000.0, 1000.0),
     real("capacity.auto.min_gain_db", -100.0, 100.0),
     whole("capacity.cells", 1, CELLS),
     whole("first_cells", 1, CELLS),

@@ -54,6 +54,7 @@ pub mod field;
 #[cfg(feature = "gpu")]
 mod gpu;
 mod growth;
+mod judge;
 pub mod losses;
 mod memory_estimate;
 mod multires;
@@ -67,6 +68,7 @@ mod start;
 mod state;
 mod step;
 mod stereo;
+mod surface;
 mod trainer;
 mod views;
 mod wrong_masks;

@@ -11,8 +11,10 @@ use crate::color_trust;
 use crate::config::{ColorTrust, GridConfig};
 use crate::error::{Error, Result};
 use crate::field::GridField;
-use crate::growth::{Growth, Reached, Verdict};
+use crate::growth::{Growth, Judged, Reached, Verdict};
+use crate::judge::{Likeness, ShapeJudge};
 use crate::losses::LossSums;
+use crate::multires::Grids;
 use crate::pixel_order::PixelOrder;
 use crate::refinement::Refinement;
 use crate::report::{StepReport, TrainerState};
@@ -27,11 +29,12 @@ const GROWTH_PIXELS: usize = 30_000;
 /// A grid field in training.
 pub struct GridTrainer<'a> {
     config: GridConfig,
-    /// The same with the weights of the losses as they are now.
+    /// The same with the weights of the losses, and the rays, as they are now.
     weighted: GridConfig,
     /// How far raw colours may shape the surface.
     color_trust: f64,
     validation: Vec<&'a View>,
+    judge: Option<ShapeJudge<'a>>,
     packed: Vec<TrainingView<'a>>,
     refinement: Refinement,
     order: PixelOrder,
@@ -94,6 +97,7 @@ impl<'a> GridTrainer<'a> {
         }
         let growth = Growth::plan(&config, &train);
         Ok(Self {
+            judge: ShapeJudge::new(&validation, &packed),
             weighted: config.clone(),
             color_trust: 1.0,
             config,
@@ -218,7 +222,7 @@ impl<'a> GridTrainer<'a> {
         let sums = self.backend.step(input)?;
         self.sums = sums.or(self.sums);
         self.step += 1;
-        self.rays_drawn += self.config.rays as u64;
+        self.rays_drawn += self.weighted.rays as u64;
         let sums = self.sums.unwrap_or_default();
         Ok(StepReport::new(self.step, &self.weighted, &sums, self.config.shape_rate * decay))
     }
@@ -226,7 +230,7 @@ impl<'a> GridTrainer<'a> {
     /// Lets raw colours shape the surface this far.
     fn trust_colors(&mut self, trust: f64) {
         self.color_trust = trust;
-        self.weighted.losses = self.config.losses.trusting_colors(trust);
+        self.weighted = self.config.trusting_colors(trust);
     }
 
     /// Factor of the step sizes: falls exponentially to `final_rate` in each stage.
@@ -238,14 +242,20 @@ impl<'a> GridTrainer<'a> {
     /// Ends a stage: keeps its result or takes it back, and grows or ends.
     fn end_stage(&mut self) -> Result<()> {
         let grids = self.backend.grids()?;
+        let judge = |grids: &Grids| self.judge.as_ref().map(|judge| judge.likeness(&self.packed, grids));
+        let (now, before) = (judge(&grids), self.growth.history().1.and_then(judge));
         let reached = Reached {
             cells: grids.cells(),
             parameters: grids.parameters(),
             bytes: grids.field_bytes()?.len(),
             validation: view_metrics(&grids.field(), &self.validation, GROWTH_PIXELS),
         };
+        let judged = Judged {
+            likeness: now.as_ref().map(Likeness::mean),
+            gain: now.zip(before).map(|(now, before)| now.gain_over(&before)),
+        };
         self.cancellation.check()?;
-        match self.growth.decide(&self.config, reached) {
+        match self.growth.decide(&self.config, reached, judged) {
             Verdict::Grow => {
                 let next = self.refinement.refined(&grids, &self.config);
                 let next = next.inspect_err(|_| self.growth.undecide())?;

@@ -48,15 +48,33 @@ impl<'a> TrainingView<'a> {
     /// Prepares views; each gets at most `neighbours` neighbours.
     pub fn pack(views: &[&'a View], neighbours: usize) -> Vec<Self> {
         let mut packed: Vec<Self> = views.iter().map(|view| Self::new(view)).collect();
-        let toward: Vec<Vec3> = packed.iter().map(|view| view.camera.center.normalize_or_zero()).collect();
-        for (i, view) in packed.iter_mut().enumerate() {
-            let cosine = |j: usize| toward[i].dot(toward[j]);
-            let mut others: Vec<usize> =
-                (0..toward.len()).filter(|&j| j != i && cosine(j) > MAX_NEIGHBOUR_ANGLE).collect();
-            others.sort_by(|&a, &b| cosine(b).total_cmp(&cosine(a)));
-            view.neighbours = others.into_iter().take(neighbours).map(|j| j as u32).collect();
+        for i in 0..packed.len() {
+            let mut near = packed[i].nearest(&packed, 0.0);
+            near.retain(|&other| other as usize != i);
+            near.truncate(neighbours);
+            packed[i].neighbours = near;
         }
         packed
+    }
+
+    /// Prepares a view that is not one of `others`, with neighbours among these at about this angle, radians.
+    pub fn beside(view: &'a View, others: &[TrainingView], neighbours: usize, angle: f32) -> Self {
+        let view = Self::new(view);
+        let mut near = view.nearest(others, angle);
+        near.truncate(neighbours);
+        Self { neighbours: near, ..view }
+    }
+
+    /// The views that may be compared with this one: those first whose lines of sight to the object are nearest to an
+    /// angle from its own, radians.
+    fn nearest(&self, views: &[TrainingView], angle: f32) -> Vec<u32> {
+        let toward = |view: &TrainingView| view.camera.center.normalize_or_zero();
+        let cosines: Vec<f32> = views.iter().map(|view| toward(self).dot(toward(view))).collect();
+        let off = |j: u32| (cosines[j as usize].clamp(-1.0, 1.0).acos() - angle).abs();
+        let mut near: Vec<u32> =
+            (0..views.len() as u32).filter(|&j| cosines[j as usize] > MAX_NEIGHBOUR_ANGLE).collect();
+        near.sort_by(|&a, &b| off(a).total_cmp(&off(b)));
+        near
     }
 
     fn new(view: &'a View) -> Self {
@@ -75,6 +93,12 @@ impl<'a> TrainingView<'a> {
     /// Whether a pixel shows the object.
     fn is_object(&self, u: u32, v: u32) -> bool {
         self.mask.is_some_and(|mask| mask.is_object(u, v))
+    }
+
+    /// Whether a pixel and all around it show the object.
+    pub fn is_interior(&self, [u, v]: [u32; 2]) -> bool {
+        let inside = (1..self.width.saturating_sub(1)).contains(&u) && (1..self.height.saturating_sub(1)).contains(&v);
+        inside && (v - 1..=v + 1).all(|v| (u - 1..=u + 1).all(|u| self.is_object(u, v)))
     }
 
     /// The ray of a pixel, by its index in the image; `view` is this view's index.

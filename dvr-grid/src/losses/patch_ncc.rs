@@ -1,6 +1,7 @@
 //! Patch NCC: one less the normalised cross-correlation of a patch around the pixel with its projection to other views.
 //!
-//! `L = weight * mean_v (1 - NCC(P, P_v))`: 5x5 samples around the pixel are carried by the tangent plane of the surface
+//! `L = weight * mean_v rho(1 - NCC(P, P_v))` with `rho(e) = e / (1 + e / scale)` (Geman and McClure 1985, for an error
+//! that is a square already): 5x5 samples around the pixel are carried by the tangent plane of the surface
 //! at the hit to the other view, and their brightnesses compared (as in Geo-Neus, Fu et al. 2022, and PGSR, Chen et al.
 //! 2024, with the plane's homography written as points on the plane). It is blind to exposure, and to what has no
 //! texture. The gradient takes the plane's normal for fixed: the patch moves along the
@@ -22,8 +23,8 @@ const SAMPLES: usize = SIDE * SIDE;
 /// Samples from the middle to the side.
 const REACH: u32 = SIDE as u32 / 2;
 
-/// Variance of brightness that noise alone may have: patches with less say nothing.
-const NOISE: f32 = 1e-4;
+/// Variance of brightness that noise alone may have, about that of a level of eight bits: patches with less say nothing.
+const NOISE: f32 = 2e-5;
 
 /// How much nearer or farther than the middle of a patch a sample may lie, as a factor: planes seen edge-on reach too
 /// far.
@@ -41,13 +42,16 @@ pub struct PatchNccLoss {
     pub weight: f64,
     /// Patches less correlated than this are taken for occlusion, and ignored.
     pub min_correlation: f64,
+    /// How much of the correlation may be missing until a patch pulls a quarter as much: highlights and what is half
+    /// hidden are never alike.
+    pub scale: f64,
     /// Pixels between the samples of a patch of 5x5.
     pub stride: u32,
 }
 
 impl Default for PatchNccLoss {
     fn default() -> Self {
-        Self { weight: 1.0, min_correlation: 0.3, stride: 1 }
+        Self { weight: 1.0, min_correlation: 0.3, scale: 3.0, stride: 1 }
     }
 }
 
@@ -59,13 +63,14 @@ impl LossTerm for PatchNccLoss {
     fn parameters(&self) -> Vec<(&'static str, f64, RangeInclusive<f64>)> {
         vec![
             ("min_correlation", self.min_correlation, -1.0..=1.0),
+            ("scale", self.scale, 1e-6..=f64::MAX),
             ("stride", f64::from(self.stride), 1.0..=MAX_STRIDE),
         ]
     }
 
     #[cfg(test)]
     fn for_tests() -> Self {
-        Self { weight: 1.0, min_correlation: -1.0, stride: 1 }
+        Self { weight: 1.0, min_correlation: -1.0, scale: 0.3, stride: 1 }
     }
 
     /// The surface turns a little as the point moves on it; the gradient takes its plane for fixed.
@@ -85,12 +90,19 @@ impl CrossViewTerm for PatchNccLoss {
     fn compare(&self, patch: &Patch, _hit: &SurfaceHit, other: &Comparison, grad_depth: &mut f32) -> f64 {
         match patch.compare(other.view) {
             Some(found) if found.correlation > self.min_correlation as f32 => {
-                *grad_depth -= self.weight as f32 * found.derivative;
-                f64::from(1.0 - found.correlation)
+                let (value, slope) = robust(1.0 - found.correlation, self.scale as f32);
+                *grad_depth -= self.weight as f32 * slope * found.derivative;
+                f64::from(value)
             }
             _ => 0.0,
         }
     }
+}
+
+/// `e / (1 + e / scale)` and its derivative: the less alike two patches are, the less they pull.
+fn robust(error: f32, scale: f32) -> (f32, f32) {
+    let damping = 1.0 / (1.0 + error / scale);
+    (error * damping, damping * damping)
 }
 
 /// Brightnesses around a pixel, and the points of the surface's tangent plane that they are seen at.
@@ -104,16 +116,27 @@ pub(crate) struct Patch {
 
 /// How alike two patches are, and how that changes as the surface moves along the ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Likeness {
+pub(crate) struct Likeness {
     /// Normalised cross-correlation, in `[-1, 1]`.
-    correlation: f32,
+    pub correlation: f32,
     derivative: f32,
 }
 
 impl Patch {
+    /// Variance of brightness around a pixel; zero where not all of the patch shows the object.
+    pub fn contrast(view: &TrainingView, [u, v]: [u32; 2], stride: u32) -> f32 {
+        let mut brightness = [0.0; SAMPLES];
+        for (i, brightness) in brightness.iter_mut().enumerate() {
+            let place = sample([u, v], i, stride).and_then(|[u, v]| view.brightness(u, v));
+            let Some(found) = place else { return 0.0 };
+            *brightness = found;
+        }
+        CenteredPatch::new(brightness).variance
+    }
+
     /// The patch around `pixel` of `view`, whose camera is at `origin`, on the plane through `point` with this normal
     /// (of either sign); `None` at the object's outline and where the plane is seen edge-on.
-    fn on_plane(
+    pub fn on_plane(
         view: &TrainingView,
         [u, v]: [u32; 2],
         stride: u32,
@@ -126,9 +149,7 @@ impl Patch {
         let slope = normal.dot(view.direction(u, v));
         let depth = height / slope;
         for i in 0..SAMPLES {
-            let (du, dv) = ((i % SIDE) as u32 * stride, (i / SIDE) as u32 * stride);
-            let reach = REACH * stride;
-            let (u, v) = ((u + du).checked_sub(reach)?, (v + dv).checked_sub(reach)?);
+            let [u, v] = sample([u, v], i, stride)?;
             brightness[i] = view.brightness(u, v)?;
             let direction = view.direction(u, v);
             let ray_depth = height / normal.dot(direction);
@@ -143,7 +164,7 @@ impl Patch {
     }
 
     /// Compares with what another view shows at the same points; `None` where it does not show all of them.
-    fn compare(&self, view: &TrainingView) -> Option<Likeness> {
+    pub fn compare(&self, view: &TrainingView) -> Option<Likeness> {
         let (mut seen, mut moves) = ([0.0; SAMPLES], [0.0; SAMPLES]);
         for i in 0..SAMPLES {
             let at = view.reproject(self.points[i], self.motions[i])?;
@@ -157,6 +178,13 @@ impl Patch {
             - correlation * seen.mean_product(&moves) / (seen.variance + NOISE);
         Some(Likeness { correlation, derivative })
     }
+}
+
+/// The pixel of a patch's sample; `None` beyond the picture's upper and left edges.
+fn sample([u, v]: [u32; 2], i: usize, stride: u32) -> Option<[u32; 2]> {
+    let reach = REACH * stride;
+    let (du, dv) = ((i % SIDE) as u32 * stride, (i / SIDE) as u32 * stride);
+    Some([(u + du).checked_sub(reach)?, (v + dv).checked_sub(reach)?])
 }
 
 /// The same inside kernels.
@@ -175,6 +203,7 @@ pub(crate) mod gpu {
     pub(crate) struct Weights {
         pub weight: f32,
         pub min_correlation: f32,
+        pub scale: f32,
         pub stride: u32,
     }
 
@@ -183,6 +212,7 @@ pub(crate) mod gpu {
             WeightsLaunch {
                 weight: self.weight as f32,
                 min_correlation: self.min_correlation as f32,
+                scale: self.scale as f32,
                 stride: self.stride,
             }
         }
@@ -279,8 +309,9 @@ pub(crate) mod gpu {
             if correlation > weights.min_correlation {
                 let derivative =
                     own_moves / samples / scale - correlation * (seen_moves / samples) / (variance + NOISE);
-                grad_depth.store(grad_depth.read() - weights.weight * derivative);
-                value = 1.0f32 - correlation;
+                let damping = 1.0f32 / (1.0f32 + (1.0f32 - correlation) / weights.scale);
+                grad_depth.store(grad_depth.read() - weights.weight * damping * damping * derivative);
+                value = (1.0f32 - correlation) * damping;
             }
         }
         value

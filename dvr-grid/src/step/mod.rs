@@ -13,7 +13,7 @@ mod gpu;
 #[cfg(any(test, feature = "gpu"))]
 mod record;
 #[cfg(test)]
-mod suite;
+pub(crate) mod suite;
 
 pub(crate) use backend::{REPORT_EVERY, StepBackend, StepInput};
 pub(crate) use cpu::CpuBackend;

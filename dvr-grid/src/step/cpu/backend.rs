@@ -18,6 +18,7 @@ use crate::multires::Grids;
 use crate::occupancy::OccupancyBitmask;
 use crate::step::backend::{COLOR_REST, StepBackend, StepInput};
 use crate::step::draw::draw;
+use crate::surface::Surface;
 
 /// Rays that a task follows.
 const CHUNK: usize = 64;
@@ -47,10 +48,8 @@ impl CpuBackend {
         let Grids { shape, color } = &self.grids;
         RayContext {
             views: input.views,
-            shape: shape.grid(),
-            values: shape.values(),
+            surface: Surface { grid: shape.grid(), values: shape.values(), bitmask: &self.bitmask },
             active: &self.shape_active,
-            bitmask: &self.bitmask,
             colors: color.grid(),
             color_values: color.values(),
             losses: &input.config.losses,

@@ -4,12 +4,11 @@ use dvr_core::voxel::{Cell, VoxelGrid, VoxelTraversal};
 use dvr_render::SlopeRule;
 use glam::Vec3;
 
-use crate::color::{self, CHANNELS, ColorSample};
-use crate::constants::{CLEARANCE, MIN_COSINE};
+use crate::color::{self, CHANNELS};
 use crate::losses::term::{Comparison, SurfaceGradient, SurfaceHit};
 use crate::losses::{GridLosses, LossSums};
-use crate::occupancy::OccupancyBitmask;
 use crate::step::draw::compared;
+use crate::surface::{Surface, SurfacePoint};
 use crate::views::{PixelRay, TrainingView};
 
 /// The gradient that a ray sends to the field, at one point.
@@ -27,10 +26,8 @@ pub(crate) struct RayGradient {
 /// The field and the photographs, as rays see them during one step.
 pub(crate) struct RayContext<'a> {
     pub views: &'a [TrainingView<'a>],
-    pub shape: &'a VoxelGrid,
-    pub values: &'a [f32],
+    pub surface: Surface<'a>,
     pub active: &'a [bool],
-    pub bitmask: &'a OccupancyBitmask,
     pub colors: &'a VoxelGrid,
     pub color_values: &'a [f32],
     pub losses: &'a GridLosses,
@@ -42,7 +39,7 @@ impl<'a> RayContext<'a> {
     /// The gradient of a pixel's ray; `seed` chooses the views that it is compared with.
     pub fn ray_gradient(&self, pixel: &PixelRay, seed: u64, sums: &mut LossSums) -> Option<RayGradient> {
         let origin = self.views[pixel.view as usize].camera.center;
-        let hit = self.bitmask.first_crossing(self.values, origin, pixel.direction, 0.0, f32::INFINITY);
+        let hit = self.surface.depth(origin, pixel.direction);
         sums.union += usize::from(pixel.object || hit.is_some());
         sums.intersection += usize::from(pixel.object && hit.is_some());
         match (pixel.object, hit) {
@@ -64,29 +61,26 @@ impl<'a> RayContext<'a> {
     ) -> RayGradient {
         let direction = pixel.direction;
         let point = origin + depth * direction;
-        let shape_cell = self.shape.locate(point);
-        let (_, gradient) = shape_cell.value_and_gradient(&self.shape.corners(self.values, shape_cell.node));
-        let gradient = gradient / self.shape.spacing();
-        let steepness = gradient.length().max(1e-6);
+        let at = self.surface.at(point);
         let color_cell = self.colors.locate(point);
         let viewing = Some(direction.normalize());
         let color = color::sample(self.colors, self.color_values, &color_cell, direction, viewing);
-        let hit = SurfaceHit { pixel, origin, depth, point, inward: gradient / steepness, color };
+        let hit = SurfaceHit { pixel, origin, depth, point, inward: at.inward, color };
 
         let mut found = SurfaceGradient::default();
         self.losses.appearance(&hit, &mut found, sums);
         if self.losses.has_cross_view() {
             let own = &self.views[pixel.view as usize];
-            let sum = self.losses.cross_view(own, &hit, self.comparisons(own, &hit, seed), sums);
+            let sum = self.losses.cross_view(own, &hit, self.comparisons(own, &at, direction, seed), sums);
             found.grad_depth += sum / self.compared_views as f32;
         }
         self.losses.geometry(&hit, &mut found, sums);
 
         // The implicit function theorem: how the depth of the hit depends on the value there.
-        let scale = steepness * direction.length();
-        let inverse_slope = self.slope_rule.inverse_slope_of(gradient.dot(direction), scale);
+        let scale = at.gradient.length().max(1e-6) * direction.length();
+        let inverse_slope = self.slope_rule.inverse_slope_of(at.gradient.dot(direction), scale);
         let grad_color = color::channel_gradient(found.grad_color, viewing);
-        RayGradient { shape_cell, color_cell, grad_value: -found.grad_depth * inverse_slope, grad_color }
+        RayGradient { shape_cell: at.cell, color_cell, grad_value: -found.grad_depth * inverse_slope, grad_color }
     }
 
     /// How far other views differ in colour from an object pixel at its hit, summed over the channels: their mean.
@@ -94,17 +88,10 @@ impl<'a> RayContext<'a> {
     pub fn color_difference(&self, pixel: &PixelRay, seed: u64) -> Option<f32> {
         let origin = self.views[pixel.view as usize].camera.center;
         let direction = pixel.direction;
-        let depth = self.bitmask.first_crossing(self.values, origin, direction, 0.0, f32::INFINITY)?;
-        if !pixel.object {
-            return None;
-        }
-        let point = origin + depth * direction;
-        let cell = self.shape.locate(point);
-        let (_, gradient) = cell.value_and_gradient(&self.shape.corners(self.values, cell.node));
-        let color = ColorSample { color: pixel.color, derivative: Vec3::ZERO };
-        let hit = SurfaceHit { pixel, origin, depth, point, inward: gradient.normalize_or_zero(), color };
+        let depth = self.surface.depth(origin, direction).filter(|_| pixel.object)?;
+        let at = self.surface.at(origin + depth * direction);
         let own = &self.views[pixel.view as usize];
-        let (sum, count) = (self.comparisons(own, &hit, seed))
+        let (sum, count) = (self.comparisons(own, &at, direction, seed))
             .map(|other| (other.seen.color - pixel.color).abs().element_sum())
             .fold((0.0, 0), |(sum, count), difference| (sum + difference, count + 1));
         (count > 0).then(|| sum / count as f32)
@@ -114,21 +101,14 @@ impl<'a> RayContext<'a> {
     fn comparisons(
         &self,
         own: &'a TrainingView<'a>,
-        hit: &SurfaceHit,
+        at: &SurfacePoint,
+        direction: Vec3,
         seed: u64,
     ) -> impl Iterator<Item = Comparison<'a>> {
-        let (views, point, inward, direction) = (self.views, hit.point, hit.inward, hit.pixel.direction);
         compared(&own.neighbours, self.compared_views, seed).filter_map(move |view| {
-            let view = &views[view as usize];
-            let to_view = view.camera.center - point;
-            let distance = to_view.length();
-            if -inward.dot(to_view) < MIN_COSINE * distance {
-                return None;
-            }
-            let seen = view.reproject(point, direction)?;
-            let clearance = CLEARANCE * self.shape.spacing() / distance;
-            let is_hidden = self.bitmask.first_crossing(self.values, point, to_view, clearance, 1.0).is_some();
-            (!is_hidden).then_some(Comparison { view, seen })
+            let view = &self.views[view as usize];
+            let seen = view.reproject(at.point, direction).filter(|_| self.surface.faces(at, view))?;
+            self.surface.is_free_to(at, view).then_some(Comparison { view, seen })
         })
     }
 
@@ -143,22 +123,23 @@ impl<'a> RayContext<'a> {
         sums: &mut LossSums,
     ) -> Option<RayGradient> {
         let (mut largest, mut at) = (f32::NEG_INFINITY, None);
-        let plane = self.shape.nodes() * self.shape.nodes();
-        for segment in VoxelTraversal::new(self.shape, origin, pixel.direction, from, f32::INFINITY)? {
+        let Surface { grid, values, .. } = self.surface;
+        let plane = grid.nodes() * grid.nodes();
+        for segment in VoxelTraversal::new(grid, origin, pixel.direction, from, f32::INFINITY)? {
             let [x, y, z] = segment.cell;
-            let node = z * plane + y * self.shape.nodes() + x;
+            let node = z * plane + y * grid.nodes() + x;
             if !self.active[node] {
                 continue;
             }
             let point = origin + 0.5 * (segment.enter + segment.leave) * pixel.direction;
-            let value = self.shape.value(self.values, point);
+            let value = grid.value(values, point);
             if value > largest {
                 (largest, at) = (value, Some(point));
             }
         }
         let point = at?;
         Some(RayGradient {
-            shape_cell: self.shape.locate(point),
+            shape_cell: grid.locate(point),
             color_cell: self.colors.locate(point),
             grad_value: self.losses.silhouette(largest, sign, sums),
             grad_color: [0.0; CHANNELS],

@@ -58,6 +58,7 @@ fn view(eye: DVec3) -> View {
 /// Photographs, grids and settings of a step.
 pub(crate) struct Fixture {
     pub config: GridConfig,
+    pub pictures: Vec<&'static View>,
     pub views: Vec<TrainingView<'static>>,
     pub order: PixelOrder,
     pub grids: Grids,
@@ -80,6 +81,7 @@ impl Fixture {
             views: TrainingView::pack(&references, 2),
             order: PixelOrder::new(&references, &masks, |_| 6.0),
             grids: grids(&masks),
+            pictures: references,
             rays_drawn: 0,
             slope_rule: SlopeRule::default(),
             is_reported: true,

@@ -20,7 +20,8 @@ use crate::step::backend::StepBackend;
 use crate::step::cpu::CpuBackend;
 use crate::step::draw::draw;
 use crate::step::record::RayRecord;
-use fixture::{Fixture, SIZE};
+pub(crate) use fixture::Fixture;
+use fixture::SIZE;
 
 /// A backend that tests look into.
 trait Inspected: StepBackend {

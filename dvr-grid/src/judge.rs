@@ -1,0 +1,162 @@
+//! A judge of shape during a run: do photographs that are not trained on look alike through the surface?
+//!
+//! PSNR is no such judge: where colour cannot depend on the view, dents explain highlights, and the worse shape gives the
+//! better picture. So textured pixels of validation photographs are carried by the surface into
+//! neighbouring *training photographs*, never into renders, and the patches compared there by normalised
+//! cross-correlation, as stereo does to score its own depths. The pixels are chosen once, by the photographs alone. A
+//! pixel that meets no surface, or whose point nothing else sees, counts as not alike at all.
+
+use dvr_core::View;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use crate::losses::patch_ncc::Patch;
+use crate::multires::Grids;
+use crate::occupancy::OccupancyBitmask;
+use crate::surface::Surface;
+use crate::views::TrainingView;
+
+/// Pixels that judge, at most, of all validation photographs together.
+const PIXELS: usize = 6000;
+
+/// With fewer, nothing is judged: the photographs are plain.
+const FEWEST: usize = 100;
+
+/// Variance of a patch's brightness from which on it is textured: a contrast of .02, above the noise of photographs.
+const TEXTURED: f32 = 4e-4;
+
+/// Training photographs that a pixel is carried to: those whose line of sight is nearest to this angle from its own,
+/// radians. From nearer by, a wrong depth hardly shows.
+const NEIGHBOURS: usize = 6;
+const ANGLE: f32 = 0.4;
+
+/// Photographs that should see a pixel's point: fewer are filled up with such as are not alike at all.
+const FEWEST_SEEING: usize = 2;
+
+/// How much of a correlation may be missing until a patch counts half: low, so that depths are told apart that are both
+/// nearly right.
+const HALF: f32 = 0.1;
+
+/// Pixels of validation photographs, by which surfaces are compared.
+pub(crate) struct ShapeJudge<'a> {
+    views: Vec<TrainingView<'a>>,
+    /// View, column and row.
+    pixels: Vec<(usize, [u32; 2])>,
+}
+
+/// How well a surface explains the judge's pixels: each in `[0, 1]`.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Likeness(Vec<f32>);
+
+/// How much better one surface is than another.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Gain {
+    pub mean: f64,
+    /// Standard error of the mean, by pixels that are taken for independent.
+    pub error: f64,
+}
+
+impl<'a> ShapeJudge<'a> {
+    /// `None` where the validation photographs have too little texture, or there are none.
+    pub fn new(validation: &[&'a View], training: &[TrainingView]) -> Option<Self> {
+        let views: Vec<TrainingView> =
+            validation.iter().map(|view| TrainingView::beside(view, training, NEIGHBOURS, ANGLE)).collect();
+        let textured: Vec<(usize, [u32; 2])> = (views.par_iter().enumerate())
+            .flat_map_iter(|(index, view)| {
+                let [width, height] = view.size();
+                let is_textured = move |[u, v]: [u32; 2]| Patch::contrast(view, [u, v], 1) > TEXTURED;
+                let pixels = (0..height).flat_map(move |v| (0..width).map(move |u| [u, v]));
+                pixels.filter(move |&pixel| is_textured(pixel)).map(move |pixel| (index, pixel))
+            })
+            .collect();
+        // Odd, so that it does not fall on one column.
+        let stride = textured.len().div_ceil(PIXELS).max(1) | 1;
+        let pixels: Vec<_> = textured.into_iter().step_by(stride).collect();
+        (pixels.len() >= FEWEST).then_some(Self { views, pixels })
+    }
+
+    /// Judges a surface.
+    pub fn likeness(&self, training: &[TrainingView], grids: &Grids) -> Likeness {
+        let (grid, values) = (grids.shape.grid(), grids.shape.values());
+        let bitmask = OccupancyBitmask::new(grid, values);
+        let surface = Surface { grid, values, bitmask: &bitmask };
+        let pixels = self.pixels.par_iter();
+        Likeness(pixels.map(|&(view, pixel)| likeness(&surface, &self.views[view], pixel, training)).collect())
+    }
+}
+
+/// How alike a pixel's surroundings are in the photographs that see its point.
+fn likeness(surface: &Surface, view: &TrainingView, [u, v]: [u32; 2], training: &[TrainingView]) -> f32 {
+    let (origin, direction) = (view.camera.center, view.direction(u, v));
+    let Some(depth) = surface.depth(origin, direction) else { return 0.0 };
+    let at = surface.at(origin + depth * direction);
+    let Some(patch) = Patch::on_plane(view, [u, v], 1, origin, at.point, at.inward) else { return 0.0 };
+    let seen = (view.neighbours.iter().map(|&other| &training[other as usize]))
+        .filter_map(|other| patch.compare(other).filter(|_| surface.is_seen_by(&at, other)));
+    let (sum, count) = seen.fold((0.0, 0), |(sum, count), found| {
+        (sum + 1.0 / (1.0 + (1.0 - found.correlation.max(0.0)) / HALF), count + 1)
+    });
+    sum / count.max(FEWEST_SEEING) as f32
+}
+
+impl Likeness {
+    /// Of all pixels.
+    pub fn mean(&self) -> f64 {
+        self.0.iter().map(|&alike| f64::from(alike)).sum::<f64>() / self.0.len() as f64
+    }
+
+    /// How much better this is than `other`, pixel by pixel.
+    pub fn gain_over(&self, other: &Self) -> Gain {
+        let gains = self.0.iter().zip(&other.0).map(|(new, old)| f64::from(new - old));
+        let count = self.0.len() as f64;
+        let (sum, squares) = gains.fold((0.0, 0.0), |(sum, squares), gain| (sum + gain, squares + gain * gain));
+        let mean = sum / count;
+        Gain { mean, error: ((squares / count - mean * mean).max(0.0) / count).sqrt() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::losses::GridLosses;
+    use crate::step::suite::Fixture;
+
+    /// What the first photograph of a painted ball of radius .3 says of a ball of another radius, with the others to
+    /// compare with.
+    fn judged(radius: f32) -> Likeness {
+        let fixture = Fixture::ball(radius, GridLosses::default());
+        let training = TrainingView::pack(&fixture.pictures[1..], 2);
+        let judge = ShapeJudge::new(&fixture.pictures[..1], &training).expect("paint is textured");
+        judge.likeness(&training, &fixture.grids)
+    }
+
+    #[test]
+    fn the_true_surface_is_liked_best_and_by_more_than_noise() {
+        let truth = judged(0.3);
+        assert!(truth.mean() > 0.5, "{}", truth.mean());
+        for radius in [0.28, 0.295, 0.305, 0.32] {
+            let Gain { mean, error } = truth.gain_over(&judged(radius));
+            assert!(mean > 5.0 * error && error > 0.0, "{radius}: {mean} +- {error}");
+        }
+    }
+
+    #[test]
+    fn a_missing_surface_is_not_alike_at_all() {
+        let small = judged(0.1);
+        let missed = small.0.iter().filter(|&&alike| alike == 0.0).count();
+        assert!(2 * missed > small.0.len(), "{missed} of {}", small.0.len());
+    }
+
+    #[test]
+    fn plain_photographs_do_not_judge() {
+        let fixture = Fixture::ball(0.3, GridLosses::default());
+        let mut plain = fixture.pictures[0].clone();
+        plain.image = dvr_core::stored(image::RgbImage::from_pixel(
+            plain.image.width(),
+            plain.image.height(),
+            image::Rgb([120, 130, 140]),
+        ));
+        assert!(ShapeJudge::new(&[&plain], &fixture.views[1..]).is_none());
+        assert!(ShapeJudge::new(&[], &fixture.views).is_none());
+    }
+}
