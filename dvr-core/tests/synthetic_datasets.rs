@@ -8,8 +8,8 @@ use dvr_core::files::{read_depth_exr, read_mask, read_rgb};
 use dvr_core::mesh::{Material, Mesh, TexturedMesh, read_mesh, shapes, write_mesh};
 use dvr_core::npz::NpzFile;
 use dvr_core::synth::{
-    CameraPlacement, CorpusObject, DirectionalLight, EdgeColor, Lighting, MeshRenderer, RenderedView, SplitRatios,
-    SynthConfig, render_corpus, render_dataset,
+    CameraPlacement, CorpusObject, DirectionalLight, EdgeColor, Gloss, Lighting, MeshRenderer, RenderedView,
+    SplitRatios, SynthConfig, render_corpus, render_dataset,
 };
 use dvr_core::{Camera, DepthMap, Error, Scene};
 use dvr_test_support::test_with;
@@ -155,6 +155,44 @@ fn noise_and_exposure_change_pictures_and_nothing_else() {
     };
     assert!((mean(&first) - mean(&second)).abs() > 2.0, "the exposure differs between views");
     assert_eq!(first, renderer.render(&front_camera(64), 0), "the same view has the same noise");
+}
+
+#[test]
+fn a_white_balance_that_differs_changes_red_and_blue_and_leaves_green() {
+    let sphere = textured(shapes::icosphere(3, 0.4));
+    let config = SynthConfig { lighting: flat_light(), noise: 0.01, ..SynthConfig::default() };
+    let renderer = |config| MeshRenderer::new(&sphere, config).render(&front_camera(64), 3);
+    let dim = SynthConfig { lighting: Lighting { ambient: 0.2, ..flat_light() }, ..config };
+    let jittered = SynthConfig { white_balance_jitter: 0.5, ..dim.clone() };
+    let (plain, tinted) = (renderer(&dim), renderer(&jittered));
+    let of = |view: &RenderedView, channel: usize| i32::from(view.image.get_pixel(32, 32).0[channel]);
+    assert_eq!(of(&plain, 1), of(&tinted, 1), "green, its noise included");
+    let moved = [0, 2].map(|channel| of(&tinted, channel) - of(&plain, channel));
+    assert!(moved.iter().all(|d| d.abs() > 2) && moved[0] != moved[1], "{moved:?}");
+    assert_eq!(tinted.mask, plain.mask);
+}
+
+#[test]
+fn a_glossy_ball_mirrors_a_light_where_it_should_and_the_reflection_moves_with_the_view() {
+    let sphere = textured(shapes::icosphere(5, 0.45));
+    let light = DirectionalLight { direction: DVec3::Z, intensity: 0.05 };
+    let gloss = Gloss { roughness: 0.1, metallic: 1.0, light_half_angle: 10.0 };
+    let lighting = Lighting { ambient: 0.05, lights: vec![light], gloss: Some(gloss), ..Lighting::default() };
+    let config = SynthConfig { lighting, ..SynthConfig::default() };
+    let renderer = MeshRenderer::new(&sphere, &config);
+    for degrees in [0.0f64, 40.0] {
+        let (sin, cos) = degrees.to_radians().sin_cos();
+        let eye = 1.5 * DVec3::new(sin, 0.0, cos);
+        let camera = Camera::look_at(64, 64, 56.0, eye, DVec3::ZERO, DVec3::Y);
+        let view = renderer.render(&camera, 0);
+        // The normal is halfway between light and camera, nearly: the camera is near.
+        let pixels = (0..64 * 64).map(|i| (i % 64, i / 64)).filter(|&(u, v)| view.mask.is_object(u, v));
+        let (u, v) = pixels.max_by_key(|&(u, v)| view.image.get_pixel(u, v).0[0]).unwrap();
+        let brightest = DVec2::new(f64::from(u), f64::from(v)) + 0.5;
+        let (sin, cos) = (0.5 * degrees).to_radians().sin_cos();
+        let (expected, _) = camera.project(0.45 * DVec3::new(sin, 0.0, cos));
+        assert!((brightest - expected).length() < 5.0, "{degrees}: {brightest} instead of {expected}");
+    }
 }
 
 struct ReadBack {

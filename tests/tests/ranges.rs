@@ -108,11 +108,15 @@ fn absurd_numbers_of_datasets_and_extraction_are_refused_with_their_key() {
     let synth = serde_json::to_value(SynthConfig::default()).unwrap();
     let ring = with(&synth, "/placement", &json!({"ring": {"elevation": 20.0}}));
     let cap = with(&synth, "/placement", &json!({"cap": {"half_angle": 60.0}}));
+    let arc = with(&synth, "/placement", &json!({"arc": {"elevation": 20.0, "angle": 90.0}}));
+    let glossy = with(&synth, "/lighting/gloss", &json!({"roughness": 0.3, "metallic": 1.0, "light_half_angle": 20.0}));
     let extraction = serde_json::to_value(ExtractSettings::default()).unwrap();
     for (config, ranges) in [
         (synth, SynthConfig::RANGES),
         (ring, SynthConfig::RANGES),
         (cap, SynthConfig::RANGES),
+        (arc, SynthConfig::RANGES),
+        (glossy, SynthConfig::RANGES),
         (extraction, ExtractSettings::RANGES),
     ] {
         let mut found = Vec::new();

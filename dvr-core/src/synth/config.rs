@@ -39,6 +39,9 @@ pub struct SynthConfig {
     pub noise: f32,
     /// Standard deviation of the exposure from view to view, in stops (factors of two of the light); 0.
     pub exposure_jitter: f32,
+    /// Standard deviation of the white balance from view to view: of the gains of red and of blue against that of green,
+    /// in stops; 0.
+    pub white_balance_jitter: f32,
     /// Whether depth maps are written; yes.
     pub depth_maps: bool,
     /// Points on the surface in `pointcloud.npz`; 100 000, 0 leaves the file out.
@@ -72,6 +75,7 @@ impl Default for SynthConfig {
             lighting: Lighting::default(),
             noise: 0.0,
             exposure_jitter: 0.0,
+            white_balance_jitter: 0.0,
             depth_maps: true,
             surface_points: 100_000,
             occupancy_points: 100_000,
@@ -88,6 +92,8 @@ impl SynthConfig {
         whole("height", 1, 16_384),
         real("placement.ring.elevation", -90.0, 90.0),
         above("placement.cap.half_angle", 0.0, 180.0),
+        real("placement.arc.elevation", -90.0, 90.0),
+        above("placement.arc.angle", 0.0, 360.0),
         real("jitter", 0.0, 1.0),
         above("distance", 0.0, 1000.0),
         above("focal", 0.0, 1000.0),
@@ -100,8 +106,12 @@ impl SynthConfig {
         real("lighting.headlight", 0.0, 1000.0),
         real("lighting.specular", 0.0, 1000.0),
         real("lighting.shininess", 0.0, 1e6),
+        above("lighting.gloss.roughness", 0.0, 1.0),
+        real("lighting.gloss.metallic", 0.0, 1.0),
+        above("lighting.gloss.light_half_angle", 0.0, 90.0),
         real("noise", 0.0, 10.0),
         real("exposure_jitter", 0.0, 10.0),
+        real("white_balance_jitter", 0.0, 10.0),
         whole("surface_points", 0, 100_000_000),
         whole("occupancy_points", 0, 100_000_000),
         whole("seed", 0, u64::MAX),
@@ -148,6 +158,13 @@ pub enum CameraPlacement {
         /// The angle in degrees; 180 is the whole sphere.
         half_angle: f64,
     },
+    /// A part of a ring, in front of the object: somebody walks around it, but not all the way.
+    Arc {
+        /// Height of the arc in degrees above the object's middle.
+        elevation: f64,
+        /// How far the arc goes around the y axis, degrees; 360 is the ring.
+        angle: f64,
+    },
 }
 
 /// What the colour of a pixel that the object fills only partly is made of.
@@ -162,8 +179,8 @@ pub enum EdgeColor {
     Mixed,
 }
 
-/// Light that is fixed to the object, so that its colours are the same from everywhere (but for `headlight` and
-/// `specular`).
+/// Light that is fixed to the object, so that its colours are the same from everywhere (but for `headlight`, `specular`
+/// and `gloss`).
 ///
 /// Intensities are linear: a white surface that faces a light of intensity 1 reflects 1.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -179,6 +196,8 @@ pub struct Lighting {
     pub specular: f32,
     /// Sharpness of the highlights, Blinn's exponent; 40.
     pub shininess: f32,
+    /// A surface that mirrors ambient light and lights, both with a size; none.
+    pub gloss: Option<Gloss>,
     /// Whether the lights throw shadows; no.
     pub shadows: bool,
 }
@@ -194,8 +213,30 @@ impl Default for Lighting {
             headlight: 0.0,
             specular: 0.0,
             shininess: 40.0,
+            gloss: None,
             shadows: false,
         }
+    }
+}
+
+/// How a surface mirrors its surroundings: the metallic-roughness material of glTF 2.0 (GGX), under lights that are
+/// discs. Unlike Blinn's highlights, which lights without a size give, what is mirrored gets sharper with a lower
+/// roughness and not smaller, down to a mirror. What is mirrored throws no shadow and is never the object itself.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Gloss {
+    /// Roughness, whose square is GGX's alpha; 0.3.
+    pub roughness: f64,
+    /// 0 is a dielectric: paint, plastic. 1 is metal: all of its light is mirrored, in its base colour. 0.
+    pub metallic: f32,
+    /// Half of the angle across which each light is seen, degrees; 20, a lamp with a shade. The light that falls on a
+    /// surface is that of its intensity, whatever the angle.
+    pub light_half_angle: f64,
+}
+
+impl Default for Gloss {
+    fn default() -> Self {
+        Self { roughness: 0.3, metallic: 0.0, light_half_angle: 20.0 }
     }
 }
 

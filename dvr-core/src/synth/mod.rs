@@ -18,12 +18,13 @@
 mod config;
 mod corpus;
 mod dataset;
+mod gloss;
 mod lists;
 mod placement;
 mod render;
 mod shading;
 
-pub use config::{CameraPlacement, DirectionalLight, EdgeColor, Lighting, SynthConfig};
+pub use config::{CameraPlacement, DirectionalLight, EdgeColor, Gloss, Lighting, SynthConfig};
 pub use corpus::{CorpusObject, CorpusReport, SplitRatios, render_corpus};
 pub use dataset::{Shot, render_dataset, write_shots};
 pub use placement::place_cameras;

@@ -19,6 +19,7 @@ pub fn place_cameras(config: &SynthConfig) -> Vec<Camera> {
         CameraPlacement::Sphere => (4.0 * PI / count).sqrt(),
         CameraPlacement::UpperHemisphere => (2.0 * PI / count).sqrt(),
         CameraPlacement::Ring { .. } => TAU / count,
+        CameraPlacement::Arc { angle, .. } => angle.to_radians() / count,
         CameraPlacement::Cap { half_angle } => (TAU * (1.0 - half_angle.to_radians().cos()) / count).sqrt(),
     };
     let focal = 0.5 * config.focal * f64::from(config.width.min(config.height));
@@ -41,6 +42,10 @@ fn direction(placement: CameraPlacement, view: f64, count: f64, start: f64) -> D
         CameraPlacement::Sphere => (1.0 - (2.0 * view + 1.0) / count, start + golden_angle * view),
         CameraPlacement::UpperHemisphere => (1.0 - (view + 0.5) / count, start + golden_angle * view),
         CameraPlacement::Ring { elevation } => (elevation.to_radians().sin(), start + TAU * view / count),
+        // As the cap, its middle is to the side of +z.
+        CameraPlacement::Arc { elevation, angle } => {
+            (elevation.to_radians().sin(), 0.5 * PI + angle.to_radians() * ((view + 0.5) / count - 0.5))
+        }
         CameraPlacement::Cap { half_angle } => {
             let share = 0.5 * (1.0 - half_angle.to_radians().cos());
             (1.0 - share * (2.0 * view + 1.0) / count, start + golden_angle * view)
@@ -98,6 +103,22 @@ mod tests {
             let angle = |eye: &DVec3| eye.normalize().dot(cap_axis()).clamp(-1.0, 1.0).acos().to_degrees();
             let widest = eyes(&config).iter().map(angle).fold(0.0, f64::max);
             assert!(widest <= half_angle && widest > 0.9 * half_angle, "{widest} of {half_angle}");
+        }
+    }
+
+    #[test]
+    fn an_arc_of_cameras_is_a_part_of_a_ring() {
+        for angle in [30.0f64, 120.0, 360.0] {
+            let placement = CameraPlacement::Arc { elevation: 30.0, angle };
+            let config = SynthConfig { placement, jitter: 0.0, ..SynthConfig::default() };
+            assert!(eyes(&config).iter().all(|eye| (eye.y - 0.75).abs() < 1e-12), "at one height");
+            // From the middle, to the right and to the left.
+            let azimuths: Vec<f64> = eyes(&config).iter().map(|eye| eye.x.atan2(eye.z).to_degrees()).collect();
+            let (least, most) = azimuths.iter().fold((0.0, 0.0), |(a, b), x| (x.min(a), x.max(b)));
+            assert!(
+                ((most - least) - angle * 23.0 / 24.0).abs() < 1e-9 && (most + least).abs() < 1e-9,
+                "{least} {most}"
+            );
         }
     }
 

@@ -36,6 +36,9 @@ pub struct MeshRenderer<'a> {
     offsets: Vec<DVec2>,
 }
 
+/// Where the random numbers of the views' white balance begin, behind those of exposure and noise.
+const WHITE_BALANCE: u64 = 1 << 32;
+
 /// What the samples of a pixel add up to.
 struct Pixel {
     /// Mean linear light of the samples that hit, times `coverage`.
@@ -52,7 +55,7 @@ impl<'a> MeshRenderer<'a> {
         Self { textured, config, bvh: Bvh::new(&textured.mesh), offsets: sample_offsets(config.samples_per_axis) }
     }
 
-    /// The picture that a camera in the mesh's space takes. Noise and exposure depend on the seed and on `view`.
+    /// The picture that a camera in the mesh's space takes. Noise, exposure and white balance depend on the seed and on `view`.
     pub fn render(&self, camera: &Camera, view: u64) -> RenderedView {
         let (width, height) = (camera.width, camera.height);
         let pixels: Vec<Pixel> =
@@ -72,10 +75,10 @@ impl<'a> MeshRenderer<'a> {
     fn pixel(&self, camera: &Camera, u: u32, v: u32) -> Pixel {
         let corner = DVec2::new(f64::from(u), f64::from(v));
         let (mut light, mut hits) = (Vec3::ZERO, 0.0);
-        for &offset in &self.offsets {
+        for (sample, &offset) in self.offsets.iter().enumerate() {
             let ray = camera.ray(corner + offset);
             if let Some(hit) = self.closest_hit(&ray) {
-                light += radiance(self.textured, &self.bvh, &self.config.lighting, &ray, &hit);
+                light += radiance(self.textured, &self.bvh, &self.config.lighting, &ray, &hit, sample);
                 hits += 1.0;
             }
         }
@@ -85,11 +88,20 @@ impl<'a> MeshRenderer<'a> {
         Pixel { light: light / count, coverage: hits / count, z_depth }
     }
 
-    /// Light to bytes: silhouettes, exposure, the sRGB curve, noise.
+    /// The gains of the channels of a view; that of green is 1.
+    fn white_balance(&self, view: u64) -> Vec3 {
+        let mut rng = ChaCha8Rng::seed_from_u64(self.config.seed);
+        // Beside the numbers of exposure and noise, which stay what they are without it.
+        rng.set_stream(view + WHITE_BALANCE);
+        let mut gain = || (self.config.white_balance_jitter * standard_normal(&mut rng)).exp2();
+        Vec3::new(gain(), 1.0, gain())
+    }
+
+    /// Light to bytes: silhouettes, exposure and white balance, the sRGB curve, noise.
     fn develop(&self, width: u32, height: u32, pixels: &[Pixel], view: u64) -> RgbImage {
         let mut rng = ChaCha8Rng::seed_from_u64(self.config.seed);
         rng.set_stream(view + 1);
-        let gain = (self.config.exposure_jitter * standard_normal(&mut rng)).exp2();
+        let gain = (self.config.exposure_jitter * standard_normal(&mut rng)).exp2() * self.white_balance(view);
         let background = Vec3::from(self.config.background.map(srgb_to_linear));
         let mut image = RgbImage::new(width, height);
         for (target, pixel) in image.pixels_mut().zip(pixels) {

@@ -3,6 +3,7 @@
 use glam::{DVec3, Vec3};
 
 use super::config::Lighting;
+use super::gloss::{diffuse_share, mirrored};
 use crate::bvh::{Bvh, RayHit};
 use crate::mesh::TexturedMesh;
 use crate::ray::Ray;
@@ -10,10 +11,18 @@ use crate::ray::Ray;
 /// How far a shadow ray starts above the surface, in object units: more than rounding, less than any detail.
 const SHADOW_OFFSET: f64 = 1e-4;
 
-/// Linear light that leaves the surface at a hit towards the ray's origin: Lambert, and Blinn's highlights.
+/// Linear light that leaves the surface at a hit towards the ray's origin: Lambert, Blinn's highlights, and what a glossy
+/// surface mirrors. `sample` is the number of the pixel's sample.
 ///
 /// Both sides of a face are lit alike: open meshes have no inside.
-pub(super) fn radiance(textured: &TexturedMesh, bvh: &Bvh, lighting: &Lighting, ray: &Ray, hit: &RayHit) -> Vec3 {
+pub(super) fn radiance(
+    textured: &TexturedMesh,
+    bvh: &Bvh,
+    lighting: &Lighting,
+    ray: &Ray,
+    hit: &RayHit,
+    sample: usize,
+) -> Vec3 {
     let to_camera = -ray.direction.normalize();
     let (face_normal, normal) = normals(textured, hit, to_camera);
     let mut diffuse = lighting.ambient + lighting.headlight * normal.dot(to_camera).max(0.0) as f32;
@@ -31,7 +40,15 @@ pub(super) fn radiance(textured: &TexturedMesh, bvh: &Bvh, lighting: &Lighting, 
         diffuse += light.intensity * cosine as f32;
         highlight += lighting.specular * light.intensity * blinn(normal, to_light, to_camera, lighting);
     }
-    diffuse * textured.base_color(hit.face as usize, hit.barycentric) + highlight
+    let base_color = textured.base_color(hit.face as usize, hit.barycentric);
+    match &lighting.gloss {
+        None => diffuse * base_color + highlight,
+        Some(gloss) => {
+            diffuse_share(gloss) * diffuse * base_color
+                + highlight
+                + mirrored(lighting, gloss, base_color, normal, to_camera, sample)
+        }
+    }
 }
 
 /// `(n . h)^s` with the half vector `h` (Blinn 1977).
