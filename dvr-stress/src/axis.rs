@@ -23,6 +23,8 @@ pub enum Group {
     Cameras,
     /// Errors of the photographs.
     Pictures,
+    /// What photographs have and renders lack: gloss, plain areas, tints, narrow frames, views from a sector, many pixels.
+    Photographs,
     /// The gradient of the depth.
     Gradients,
 }
@@ -56,6 +58,17 @@ pub struct Axis {
 }
 
 impl Axis {
+    /// An axis of scenes with its name, its unit and what it shows.
+    pub(crate) fn of_scenes(
+        group: Group,
+        [name, unit, what]: [&'static str; 3],
+        difficulties: &'static [f64],
+        quick: &'static [f64],
+        case: fn(f64) -> Case,
+    ) -> Self {
+        Self { name, group, unit, what, difficulties, quick, kind: Kind::Scene(case) }
+    }
+
     /// The scene of a difficulty; `None` for axes of gradients.
     pub fn case(&self, difficulty: f64) -> Option<Case> {
         match self.kind {

@@ -7,32 +7,29 @@ use crate::axis::{Axis, Case, Group, Kind, usual_footprint};
 use crate::faults::Faults;
 use crate::gradients::GradientTest;
 use crate::paint::{Paint, painted};
+use crate::photographs::photograph_axes;
 use crate::shapes::{
     bowl, far_apart, into_step, pebble, perforated, plate, ring, step, tiny_beside_large, tunnel, wedge,
 };
 
-/// A texture that shows where a surface is.
-const CLEAR: Paint = Paint::Noise(1.0);
-
 /// Every axis, in the order of the tables.
 pub fn axes() -> Vec<Axis> {
-    [shape_axes(), texture_axes(), view_axes(), mask_axes(), camera_axes(), picture_axes(), gradient_axes()].concat()
-}
-
-/// One axis of scenes.
-fn axis(
-    group: Group,
-    [name, unit, what]: [&'static str; 3],
-    difficulties: &'static [f64],
-    quick: &'static [f64],
-    case: fn(f64) -> Case,
-) -> Axis {
-    Axis { name, group, unit, what, difficulties, quick, kind: Kind::Scene(case) }
+    [
+        shape_axes(),
+        texture_axes(),
+        view_axes(),
+        mask_axes(),
+        camera_axes(),
+        picture_axes(),
+        photograph_axes(),
+        gradient_axes(),
+    ]
+    .concat()
 }
 
 /// A mesh with a clear texture.
 fn clear(mesh: Mesh) -> Case {
-    Case::of(painted(mesh, CLEAR))
+    Case::of(painted(mesh, Paint::CLEAR))
 }
 
 /// The same, whose reconstruction must have the given number of handles: it must neither break nor get holes.
@@ -53,7 +50,7 @@ fn parts([rest, part]: [Mesh; 2]) -> Case {
 }
 
 fn shape_axes() -> Vec<Axis> {
-    let shape = |words, difficulties, quick, case| axis(Group::Shape, words, difficulties, quick, case);
+    let shape = |words, difficulties, quick, case| Axis::of_scenes(Group::Shape, words, difficulties, quick, case);
     vec![
         shape(
             ["rod-radius", "pixels", "a round rod, bent to a ring"],
@@ -104,7 +101,7 @@ fn shape_axes() -> Vec<Axis> {
 }
 
 fn texture_axes() -> Vec<Axis> {
-    let texture = |words, difficulties, quick, case| axis(Group::Texture, words, difficulties, quick, case);
+    let texture = |words, difficulties, quick, case| Axis::of_scenes(Group::Texture, words, difficulties, quick, case);
     vec![
         texture(
             ["texture-contrast", "share", "a bowl half as deep as wide, its noise texture fading to grey"],
@@ -128,7 +125,7 @@ fn texture_axes() -> Vec<Axis> {
 }
 
 fn view_axes() -> Vec<Axis> {
-    let views = |words, difficulties, quick, case| axis(Group::Views, words, difficulties, quick, case);
+    let views = |words, difficulties, quick, case| Axis::of_scenes(Group::Views, words, difficulties, quick, case);
     vec![
         views(
             ["views", "views", "a pebble, seen from all sides by this many views"],
@@ -154,7 +151,7 @@ fn view_axes() -> Vec<Axis> {
 }
 
 fn mask_axes() -> Vec<Axis> {
-    let masks = |words, difficulties, quick, case| axis(Group::Masks, words, difficulties, quick, case);
+    let masks = |words, difficulties, quick, case| Axis::of_scenes(Group::Masks, words, difficulties, quick, case);
     vec![
         masks(
             ["mask-grown", "pixels", "all masks too large"],
@@ -190,7 +187,7 @@ fn mask_axes() -> Vec<Axis> {
 }
 
 fn camera_axes() -> Vec<Axis> {
-    let cameras = |words, difficulties, quick, case| axis(Group::Cameras, words, difficulties, quick, case);
+    let cameras = |words, difficulties, quick, case| Axis::of_scenes(Group::Cameras, words, difficulties, quick, case);
     vec![
         cameras(
             ["camera-rotation", "degrees", "every camera rotated about a random axis"],
@@ -214,7 +211,8 @@ fn camera_axes() -> Vec<Axis> {
 }
 
 fn picture_axes() -> Vec<Axis> {
-    let pictures = |words, difficulties, quick, case| axis(Group::Pictures, words, difficulties, quick, case);
+    let pictures =
+        |words, difficulties, quick, case| Axis::of_scenes(Group::Pictures, words, difficulties, quick, case);
     vec![
         pictures(
             ["noise", "standard deviation", "noise on all channels, whose range is 0 to 1"],

@@ -27,6 +27,7 @@ mod cell;
 mod faults;
 mod gradients;
 mod paint;
+mod photographs;
 mod scene;
 mod shapes;
 mod sight;

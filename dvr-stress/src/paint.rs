@@ -17,15 +17,28 @@ const TEXELS: u32 = 256;
 /// Cells of noise per object unit: one per two and a half pixels.
 const NOISE_CELLS: usize = 15;
 
+/// Cells per object unit of the noise that tells plain patches: one per nine pixels, which is a patch.
+const PATCH_CELLS: usize = 4;
+
+/// Points on each edge of a face by whose area the share of plain patches is measured.
+const AREA_POINTS: usize = 4;
+
 /// A texture.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Paint {
     /// Coloured noise with this share of the largest amplitude; 0 is a flat grey.
     Noise(f32),
+    /// The same, of the largest amplitude, with plain grey patches on this share of the surface.
+    Patches(f64),
     /// A repeated wave with this period in pixels of the usual views.
     Waves(f64),
     /// Black and white squares of this many pixels, projected along a direction: they cross edges without a break.
     Squares(f64, Vec3),
+}
+
+impl Paint {
+    /// A texture that shows where a surface is.
+    pub(crate) const CLEAR: Self = Self::Noise(1.0);
 }
 
 /// A mesh with a texture on all of it.
@@ -38,19 +51,23 @@ pub(crate) fn painted(mesh: Mesh, paint: Paint) -> TexturedMesh {
         _ => Box::new(boxed),
     };
     let scale = match paint {
-        Paint::Noise(_) => 1.0,
+        Paint::Noise(_) | Paint::Patches(_) => 1.0,
         // A tile is one period: a wave, or two squares.
         Paint::Waves(pixels) => (1.0 / (pixels * usual_footprint())) as f32,
         Paint::Squares(pixels, _) => (1.0 / (2.0 * pixels * usual_footprint())) as f32,
     };
-    let corner_uvs = (0..mesh.faces.len())
+    let corner_uvs: Vec<[Vec2; 3]> = (0..mesh.faces.len())
         .map(|face| {
             let corners = mesh.triangle(face);
             let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
             corners.map(|corner| scale * uv(corner, normal))
         })
         .collect();
-    let material = Material { base_color: [1.0; 3], texture: Some(Arc::new(texture(paint))) };
+    let texture = match paint {
+        Paint::Patches(share) => patched(&mesh, &corner_uvs, share),
+        _ => texture(paint),
+    };
+    let material = Material { base_color: [1.0; 3], texture: Some(Arc::new(texture)) };
     TexturedMesh { mesh, corner_uvs, face_materials: Vec::new(), materials: vec![material] }
 }
 
@@ -71,6 +88,7 @@ fn texture(paint: Paint) -> RgbaImage {
     let unit = |texel: u32| (f64::from(texel) + 0.5) / f64::from(TEXELS);
     match paint {
         Paint::Noise(contrast) => noise(contrast.into()),
+        Paint::Patches(_) => noise(1.0),
         Paint::Waves(_) => RgbaImage::from_fn(TEXELS, TEXELS, |u, v| {
             let wave = |phase: f64| 0.5 + 0.4 * (TAU * unit(u) + phase).sin() * (TAU * unit(v) + 2.0 * phase).sin();
             let [r, g, b] = [0.0, 1.0, 2.0].map(|phase| byte(wave(phase)));
@@ -83,23 +101,84 @@ fn texture(paint: Paint) -> RgbaImage {
     }
 }
 
-/// Smooth noise that repeats after a unit: random colours on a grid, interpolated.
+/// Coloured noise around a middle grey.
 fn noise(contrast: f64) -> RgbaImage {
-    let mut rng = ChaCha8Rng::seed_from_u64(11);
-    let grid: Vec<[f64; 3]> = (0..NOISE_CELLS * NOISE_CELLS).map(|_| rng.random()).collect();
-    let at = |x: usize, y: usize| grid[(y % NOISE_CELLS) * NOISE_CELLS + x % NOISE_CELLS];
+    let noise = SmoothNoise::new(NOISE_CELLS, 11);
     RgbaImage::from_fn(TEXELS, TEXELS, |u, v| {
-        let [x, y] = [u, v].map(|texel| (f64::from(texel) + 0.5) / f64::from(TEXELS) * NOISE_CELLS as f64);
+        let [u, v] = [u, v].map(|texel| (f64::from(texel) + 0.5) / f64::from(TEXELS));
+        let byte = |value: f64| (255.0 * (0.5 + contrast * 0.9 * (value - 0.5)).clamp(0.0, 1.0)).round() as u8;
+        let [r, g, b] = noise.at(u, v).map(byte);
+        Rgba([r, g, b, 255])
+    })
+}
+
+/// Coloured noise with plain patches that cover a share of the surface of a mesh.
+fn patched(mesh: &Mesh, corner_uvs: &[[Vec2; 3]], share: f64) -> RgbaImage {
+    let patches = SmoothNoise::new(PATCH_CELLS, 12);
+    let height = |u: f64, v: f64| patches.at(u, v)[0];
+    let highest_plain = quantile(mesh, corner_uvs, share, &height);
+    let mut texture = noise(1.0);
+    for (u, v, texel) in texture.enumerate_pixels_mut() {
+        let [u, v] = [u, v].map(|texel| (f64::from(texel) + 0.5) / f64::from(TEXELS));
+        // Rows of a picture run from the top, texture coordinates from the bottom.
+        if height(u, 1.0 - v) <= highest_plain {
+            *texel = Rgba([128, 128, 128, 255]);
+        }
+    }
+    texture
+}
+
+/// The value that a function of texture coordinates does not exceed on a share of a mesh's area.
+fn quantile(mesh: &Mesh, corner_uvs: &[[Vec2; 3]], share: f64, function: &dyn Fn(f64, f64) -> f64) -> f64 {
+    let mut places: Vec<(f64, f64)> = Vec::new();
+    for (face, uvs) in corner_uvs.iter().enumerate() {
+        let [a, b, c] = mesh.triangle(face);
+        let area = f64::from((b - a).cross(c - a).length());
+        for i in 0..AREA_POINTS {
+            for j in 0..AREA_POINTS {
+                // A point of the unit square, folded onto the triangle.
+                let [x, y] = [i, j].map(|k| (k as f32 + 0.5) / AREA_POINTS as f32);
+                let (x, y) = if x + y > 1.0 { (1.0 - x, 1.0 - y) } else { (x, y) };
+                let uv = uvs[0] + x * (uvs[1] - uvs[0]) + y * (uvs[2] - uvs[0]);
+                places.push((function(uv.x.into(), uv.y.into()), area));
+            }
+        }
+    }
+    places.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let below = share * places.iter().map(|place| place.1).sum::<f64>();
+    let mut sum = 0.0;
+    let is_below = |place: &&(f64, f64)| {
+        sum += place.1;
+        sum <= below
+    };
+    places.iter().take_while(is_below).last().map_or(f64::NEG_INFINITY, |place| place.0)
+}
+
+/// Smooth noise that repeats after a unit: random values of three channels on a grid, interpolated.
+struct SmoothNoise {
+    cells: usize,
+    grid: Vec<[f64; 3]>,
+}
+
+impl SmoothNoise {
+    fn new(cells: usize, seed: u64) -> Self {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        Self { cells, grid: (0..cells * cells).map(|_| rng.random()).collect() }
+    }
+
+    /// The values at texture coordinates, in `[0, 1]`.
+    fn at(&self, u: f64, v: f64) -> [f64; 3] {
+        let cells = self.cells;
+        let [x, y] = [u, v].map(|place| place.rem_euclid(1.0) * cells as f64);
         let smooth = |t: f64| t * t * (3.0 - 2.0 * t);
         let (s, t) = (smooth(x.fract()), smooth(y.fract()));
         let (i, j) = (x as usize, y as usize);
-        let [r, g, b] = [0, 1, 2].map(|c| {
-            let row = |j: usize| at(i, j)[c] * (1.0 - s) + at(i + 1, j)[c] * s;
-            let value = 0.5 + contrast * 0.9 * (row(j) * (1.0 - t) + row(j + 1) * t - 0.5);
-            (255.0 * value.clamp(0.0, 1.0)).round() as u8
-        });
-        Rgba([r, g, b, 255])
-    })
+        let node = |i: usize, j: usize| self.grid[(j % cells) * cells + i % cells];
+        std::array::from_fn(|c| {
+            let row = |j: usize| node(i, j)[c] * (1.0 - s) + node(i + 1, j)[c] * s;
+            row(j) * (1.0 - t) + row(j + 1) * t
+        })
+    }
 }
 
 #[cfg(test)]

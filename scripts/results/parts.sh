@@ -1,6 +1,6 @@
 # The parts of scripts/results.sh: what each makes, how long it takes, and how. Read by that script, which sets root, out, write and DVR.
 
-PARTS="demo renders depth speed ablations ablations-photographs paper photographs stress stress-masks stress-cameras stress-network \
+PARTS="demo renders depth speed ablations ablations-photographs paper photographs stress stress-masks stress-cameras stress-photographs stress-network \
 furniture objects camera-refinement step soak"
 
 # Minutes on two cores, measured or summed up from the tables.
@@ -17,6 +17,7 @@ minutes_of() {
         stress) echo 25 ;;
         stress-masks) echo 8 ;;
         stress-cameras) echo 10 ;;
+        stress-photographs) echo 20 ;;
         stress-network) echo 30 ;;
         furniture) echo 8 ;;
         objects) echo 110 ;;
@@ -39,6 +40,7 @@ makes() {
         stress) echo "docs/results/stress.md with its charts" ;;
         stress-masks) echo "docs/results/stress_masks.md with its charts" ;;
         stress-cameras) echo "docs/results/stress_cameras.md with its charts" ;;
+        stress-photographs) echo "docs/results/stress_photographs.md with its charts" ;;
         stress-network) echo "docs/results/stress_network.md" ;;
         furniture) echo "docs/results/furniture_scenes.md" ;;
         objects) echo "docs/results/objects.md" ;;
@@ -247,6 +249,11 @@ part_stress_masks() {
 part_stress_cameras() {
     stress stress_cameras docs/results/stress_cameras.md --methods hull,grid --seeds 3 --axis cameras --variant refined:refine_cameras=10
     for chart in "$out"/stress_cameras/charts/*.svg; do charts stress_cameras "$(basename "$chart" .svg)"; done
+}
+
+part_stress_photographs() {
+    stress stress_photographs docs/results/stress_photographs.md --methods hull,grid --seeds 3 --axis photographs
+    for chart in "$out"/stress_photographs/charts/*.svg; do charts stress_photographs "$(basename "$chart" .svg)"; done
 }
 
 part_stress_network() {

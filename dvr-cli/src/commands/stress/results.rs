@@ -55,6 +55,7 @@ pub fn group_name(group: Group) -> &'static str {
         Group::Masks => "masks",
         Group::Cameras => "cameras",
         Group::Pictures => "pictures",
+        Group::Photographs => "photographs",
         Group::Gradients => "gradients",
     }
 }
