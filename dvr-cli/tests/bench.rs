@@ -4,6 +4,8 @@ mod support;
 
 use std::process::Output;
 
+use dvr_core::dataset::{ReadOptions, read_scene};
+use dvr_core::npz::{Array, write_npz};
 use support::{Tiny, dvr, refuses, succeeds, text};
 
 #[test]
@@ -92,4 +94,39 @@ fn methods_and_variants_share_a_table_and_are_not_run_twice() {
         &dvr(&["bench", text(&scene), "--out", text(&tiny.path("b2")), "--methods", "hull", "--variant", "x:no.key=1"]),
         &["x.rgb.0", "unknown key"],
     );
+}
+
+#[test]
+fn meshes_are_measured_by_the_points_in_their_scenes_folder() {
+    let tiny = Tiny::new();
+    let (scene, out) = (tiny.scene(), tiny.path("bench"));
+    let bench = |more: &[&str]| {
+        let args = ["bench", text(&scene), "--out", text(&out), "--methods", "hull", "--seeds", "1"];
+        dvr(&[&args[..], more].concat())
+    };
+    refuses(&bench(&["--points", "verified_points.npz"]), &["--points verified_points.npz", "none of the scenes"]);
+    // Points of the true surface, as they are and further along x.
+    let truth = read_scene(&scene, &ReadOptions::default()).unwrap();
+    let surface = &truth.ground_truth.surface.as_ref().unwrap().points[..500];
+    let world = surface.iter().map(|point| truth.object_to_world.transform_point(point.as_dvec3()));
+    let flat = |x: f64| Array::f64(&[500, 3], world.clone().flat_map(|p| [p.x + x, p.y, p.z]).collect());
+    let mean = |more: &[&str]| {
+        let table = succeeds(&bench(more));
+        assert_eq!(table.contains("| points: mean | points: median |"), more.contains(&"--points"), "{table}");
+        let results = std::fs::read_to_string(out.join("results.json")).unwrap();
+        let results: serde_json::Value = serde_json::from_str(&results).unwrap();
+        let outcome = &results["outcomes"][0];
+        assert!(outcome["points_median"].as_f64() <= outcome["points_mean"].as_f64().map(|mean| 2.0 * mean));
+        outcome["points_mean"].as_f64()
+    };
+    let points = ["--points", "verified_points.npz"];
+    let means = [0.0, 0.3].map(|x| {
+        write_npz(&scene.join("verified_points.npz"), &[("points", &flat(x))]).unwrap();
+        mean(&points).unwrap()
+    });
+    // The torus has a radius of 1.45.
+    assert!(means[0] > 0.0 && means[0] < 0.05 && means[1] > 0.1 && means[1] < 0.3, "{means:?}");
+    let of_half = mean(&[&points[..], &["--downscale", "2"]].concat()).unwrap();
+    assert!(of_half != means[1], "the same points, another hull");
+    assert_eq!(mean(&[]), None);
 }

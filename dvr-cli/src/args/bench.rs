@@ -35,6 +35,13 @@ pub struct BenchArgs {
     /// Time limit of each training, e.g. 10m [0s to 8760h]
     #[arg(long, value_parser = parse_duration, value_name = "TIME")]
     pub time: Option<Duration>,
+    /// Name of a file of verified points (PLY or NPZ, as for `dvr eval --points`) in the folders of the scenes. Meshes of
+    /// scenes that have one are measured by it, e.g. verified_points.npz
+    #[arg(long, value_name = "NAME")]
+    pub points: Option<PathBuf>,
+    /// Average NxN pixels of all scenes into one [1 to 64]
+    #[arg(long, value_parser = within(1u32, 64), value_name = "N")]
+    pub downscale: Option<u32>,
     /// Measure Chamfer-L1 at each validation, for curves over time; the clocks stop meanwhile
     #[arg(long)]
     pub follow_shape: bool,

@@ -29,6 +29,8 @@ pub struct Job<'a> {
     pub supervision: &'a str,
     /// Seed of all random choices.
     pub seed: u64,
+    /// How many pixels along each axis are averaged into one, where it is not one.
+    pub downscale: Option<u32>,
     /// Time limit of training.
     pub time: Option<Duration>,
     /// Whether Chamfer-L1 is measured at each validation.
@@ -99,6 +101,9 @@ impl Job<'_> {
                 None => add(&["--set", setting]),
             }
         }
+        if let Some(pixels) = self.downscale {
+            add(&["--downscale", &pixels.to_string()]);
+        }
         if self.follow_shape {
             add(&["--follow-shape"]);
         }
@@ -151,7 +156,8 @@ mod tests {
 
     fn job<'a>(folder: &'a RunFolder, variant: &'a Variant, cancellation: &'a Cancellation) -> Job<'a> {
         let scene = Path::new("scene");
-        Job { scene, folder, variant, supervision: "rgb", seed: 0, time: None, follow_shape: false, cancellation }
+        let (supervision, downscale) = ("rgb", None);
+        Job { scene, folder, variant, supervision, seed: 0, downscale, time: None, follow_shape: false, cancellation }
     }
 
     #[test]
@@ -169,6 +175,8 @@ mod tests {
         for other in others {
             assert_ne!(other.unwrap(), first);
         }
+        let quarter = Job { downscale: Some(2), ..job(&folder, &variant(&[]), &token) }.settings().unwrap();
+        assert_ne!(quarter, first);
         let elsewhere = RunFolder::new("runs/b");
         assert_eq!(job(&elsewhere, &variant(&[]), &token).settings().unwrap(), first, "wherever it is written");
         let refused = settings(&["no_such=1"], 0).unwrap_err();

@@ -97,7 +97,7 @@ fn percent(share: f64) -> String {
 }
 
 /// A length in four significant digits, whatever its unit.
-fn significant(value: f64) -> String {
+pub fn significant(value: f64) -> String {
     let magnitude = if value > 0.0 { value.log10().floor() as i32 } else { 0 };
     format!("{value:.*}", (3 - magnitude).clamp(0, 12) as usize)
 }

@@ -1,12 +1,15 @@
 //! The runs of a benchmark.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use dvr_core::Cancellation;
 use dvr_core::dataset::{ReadOptions, digest_of_scene};
+use dvr_core::mesh::read_mesh;
+use dvr_core::metrics::points::PointsSettings;
 use dvr_core::record::{Digest, RecordKey};
-use dvr_train::RunFolder;
+use dvr_train::{PointsEvaluation, RunFolder, RunMetrics};
+use serde_json::json;
 
 use super::results::Outcome;
 use crate::args::{BenchArgs, Variant};
@@ -19,6 +22,8 @@ pub struct BenchScene {
     path: PathBuf,
     name: String,
     digest: Digest,
+    /// Verified points in its folder.
+    points: Option<PathBuf>,
 }
 
 /// One run of the plan.
@@ -33,12 +38,25 @@ pub struct Run<'a> {
 }
 
 /// The scenes of the arguments. What lies in the folder of results is not part of a scene.
+///
+/// # Errors
+/// When a scene cannot be read, or there are no points of the name that was given.
 pub fn scenes(args: &BenchArgs) -> Result<Vec<BenchScene>> {
+    let points = |path: &Path| {
+        let folder = if path.is_dir() { path } else { path.parent()? };
+        Some(folder.join(args.points.as_ref()?)).filter(|file| file.is_file())
+    };
     let scene = |(path, name): (PathBuf, String)| {
         let digest = digest_of_scene(&path, &ReadOptions::default(), Some(&args.out))?;
-        Ok(BenchScene { path, name, digest })
+        Ok(BenchScene { points: points(&path), path, name, digest })
     };
-    named(&args.scenes)?.into_iter().map(scene).collect()
+    let scenes: Vec<BenchScene> = named(&args.scenes)?.into_iter().map(scene).collect::<Result<_>>()?;
+    match &args.points {
+        Some(name) if scenes.iter().all(|scene| scene.points.is_none()) => {
+            bail!("--points {}: none of the scenes has a file of this name in its folder", name.display())
+        }
+        _ => Ok(scenes),
+    }
 }
 
 /// Scenes with their names: the folder's name, preceded by its parent's where several folders have the same name.
@@ -91,8 +109,12 @@ impl<'a> Run<'a> {
         let folder = folder_name(&scene.name, &variant.name, &supervision, seed);
         let run = RunFolder::new(args.out.join("runs").join(&folder));
         let token = Cancellation::default();
-        let settings =
-            job(args, scene, &run, &variant, &supervision, seed, &token).settings().with_context(|| folder.clone())?;
+        let job = job(args, scene, &run, &variant, &supervision, seed, &token);
+        let mut settings = job.settings().with_context(|| folder.clone())?;
+        if scene.points.is_some() {
+            // The scene's digest has the points themselves.
+            settings["points"] = json!(args.points);
+        }
         let key = record_key(scene.digest.clone(), &settings, "cpu")?;
         Ok(Self { scene, variant, supervision, seed, folder, key })
     }
@@ -118,10 +140,21 @@ impl<'a> Run<'a> {
         let job = job(args, self.scene, &folder, &self.variant, &self.supervision, self.seed, cancellation);
         Ok(match job.run()? {
             Ended::Measured { metrics, seconds } => {
-                keep(&self.file(args), &self.key, blank.measured(seconds, &metrics))?
+                let points = self.points(&metrics, &folder)?;
+                keep(&self.file(args), &self.key, blank.measured(seconds, &metrics, points.as_ref()))?
             }
             Ended::Failed { said, .. } => Outcome { failure: Some(said), ..blank },
         })
+    }
+
+    /// The mesh against the points in the scene's folder, else against those that the scene's files bring, where the
+    /// method was not trained on them.
+    fn points(&self, metrics: &RunMetrics, folder: &RunFolder) -> Result<Option<PointsEvaluation>> {
+        let Some(file) = self.scene.points.as_ref().filter(|_| metrics.mesh.is_some()) else {
+            return Ok(metrics.points.clone().filter(|points| points.not_independent.is_none()));
+        };
+        let mesh = read_mesh(folder.mesh_ply())?.mesh;
+        Ok(Some(PointsEvaluation::of_file(&mesh, file, None, false, &PointsSettings::default())?))
     }
 
     /// Where the outcome is kept.
@@ -140,6 +173,6 @@ fn job<'a>(
     seed: u64,
     cancellation: &'a Cancellation,
 ) -> Job<'a> {
-    let (time, follow_shape) = (args.time, args.follow_shape);
-    Job { scene: &scene.path, folder, variant, supervision, seed, time, follow_shape, cancellation }
+    let BenchArgs { downscale, time, follow_shape, .. } = *args;
+    Job { scene: &scene.path, folder, variant, supervision, seed, downscale, time, follow_shape, cancellation }
 }

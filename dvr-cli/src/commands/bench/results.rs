@@ -5,7 +5,7 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use dvr_core::files::write_bytes_atomically;
 use dvr_core::record::RecordKey;
-use dvr_train::RunMetrics;
+use dvr_train::{PointsEvaluation, RunMetrics};
 use serde::{Deserialize, Serialize};
 
 /// `results.json`.
@@ -63,6 +63,12 @@ pub struct Outcome {
     /// Volume IoU.
     #[serde(default)]
     pub volume_iou: Option<f64>,
+    /// Mean distance from verified points to the mesh, in the units of the files.
+    #[serde(default)]
+    pub points_mean: Option<f64>,
+    /// Median of these.
+    #[serde(default)]
+    pub points_median: Option<f64>,
     /// PSNR of renders of the coloured mesh on test views, dB.
     #[serde(default)]
     pub psnr: Option<f64>,
@@ -87,8 +93,8 @@ impl Outcome {
         }
     }
 
-    /// The same run with its figures.
-    pub fn measured(self, seconds: f64, metrics: &RunMetrics) -> Self {
+    /// The same run with its figures; `points` are those of the mesh against verified points.
+    pub fn measured(self, seconds: f64, metrics: &RunMetrics, points: Option<&PointsEvaluation>) -> Self {
         // Without a mesh there is no distance.
         let surface = metrics.shape.surface.as_ref().filter(|_| metrics.mesh.is_some());
         Self {
@@ -103,6 +109,8 @@ impl Outcome {
             floor: metrics.shape.floor.as_ref().map(|score| score.chamfer_l1),
             normals: surface.and_then(|score| Some(score.normal_consistency?.mean)),
             volume_iou: metrics.shape.volume_iou,
+            points_mean: points.map(|points| points.score.distances.mean),
+            points_median: points.map(|points| points.score.distances.median),
             psnr: metrics.test_mesh.map(|view_metrics| view_metrics.psnr),
             mask_iou: metrics.test_mesh.map(|view_metrics| view_metrics.mask_iou),
             ..self

@@ -6,33 +6,54 @@ use anyhow::Result;
 use dvr_report::chart::median;
 
 use super::results::{Outcome, Results};
+use crate::commands::points_table::significant;
 use crate::commands::provenance::{KeyColumns, origin};
 
-/// A column: its head, its value, and how many decimals it is printed with.
-type Column = (&'static str, fn(&Outcome) -> Option<f64>, usize);
+/// A column: its head, its value, and how it is printed.
+type Column = (&'static str, fn(&Outcome) -> Option<f64>, Digits);
 
-const COLUMNS: [Column; 11] = [
-    ("whole job, s", |o| o.seconds, 1),
-    ("training, s", |o| o.training_seconds, 2),
-    ("CPU, s", |o| o.cpu_seconds, 1),
-    ("MB", |o| Some(o.peak_memory? as f64 / 1e6), 0),
-    ("stored kB", |o| Some(o.bytes? as f64 / 1e3), 0),
-    ("Chamfer-L1", |o| o.chamfer_l1, 4),
-    ("floor", |o| o.floor, 4),
-    ("normals", |o| o.normals, 3),
-    ("volume IoU", |o| o.volume_iou, 3),
-    ("test PSNR, dB", |o| o.psnr, 2),
-    ("silhouette IoU", |o| o.mask_iou, 4),
+/// How a number is printed.
+#[derive(Clone, Copy)]
+enum Digits {
+    /// With this many decimals.
+    Decimals(usize),
+    /// With four significant digits, whatever its unit.
+    Significant,
+}
+
+use Digits::{Decimals, Significant};
+
+const COLUMNS: [Column; 13] = [
+    ("whole job, s", |o| o.seconds, Decimals(1)),
+    ("training, s", |o| o.training_seconds, Decimals(2)),
+    ("CPU, s", |o| o.cpu_seconds, Decimals(1)),
+    ("MB", |o| Some(o.peak_memory? as f64 / 1e6), Decimals(0)),
+    ("stored kB", |o| Some(o.bytes? as f64 / 1e3), Decimals(0)),
+    ("Chamfer-L1", |o| o.chamfer_l1, Decimals(4)),
+    ("floor", |o| o.floor, Decimals(4)),
+    ("normals", |o| o.normals, Decimals(3)),
+    ("volume IoU", |o| o.volume_iou, Decimals(3)),
+    (POINTS, |o| o.points_mean, Significant),
+    ("points: median", |o| o.points_median, Significant),
+    ("test PSNR, dB", |o| o.psnr, Decimals(2)),
+    ("silhouette IoU", |o| o.mask_iou, Decimals(4)),
 ];
+
+/// Head of the mean distance of verified points.
+const POINTS: &str = "points: mean";
 
 /// Markdown, one line for each scene, supervision and method.
 pub fn markdown(results: &Results) -> String {
     let origin = origin(results.outcomes.iter().map(|outcome| outcome.key.as_ref()));
     let mut text = format!(
         "{origin}. Seeds: how many of all gave a mesh. Median over seeds (range). Lengths in edges of the object cube; papers print Chamfer-L1 times 10. \
-         PSNR and silhouettes are of the coloured mesh on test views.\n\n"
+         PSNR and silhouettes are of the coloured mesh on test views."
     );
     let (heads, rows) = rows(&results.outcomes);
+    if heads.contains(&POINTS) {
+        text += " Points: distance from verified points to the mesh, mean and median over the points, in the units of the files.";
+    }
+    text += "\n\n";
     let _ = writeln!(text, "| {} |", heads.join(" | "));
     let _ = writeln!(text, "|{}", "---|".repeat(heads.len()));
     for row in rows {
@@ -49,7 +70,7 @@ pub fn rows(outcomes: &[Outcome]) -> (Vec<&'static str>, Vec<Vec<String>>) {
     let row = |group: &Vec<&Outcome>| {
         let first = group[0];
         let names = [first.scene.clone(), first.supervision.clone(), first.method.clone(), share(group)];
-        let cells = columns.iter().map(|(_, value, decimals)| cell(group, value, *decimals));
+        let cells = columns.iter().map(|(_, value, digits)| cell(group, value, *digits));
         names.into_iter().chain(cells).collect()
     };
     (heads, grouped(outcomes).iter().map(row).collect())
@@ -75,10 +96,13 @@ pub fn grouped(outcomes: &[Outcome]) -> Vec<Vec<&Outcome>> {
 }
 
 /// Median and range.
-fn cell(group: &[&Outcome], value: &fn(&Outcome) -> Option<f64>, decimals: usize) -> String {
+fn cell(group: &[&Outcome], value: &fn(&Outcome) -> Option<f64>, digits: Digits) -> String {
     let mut values: Vec<f64> = group.iter().filter_map(|outcome| value(outcome)).collect();
     values.sort_by(f64::total_cmp);
-    let print = |value: f64| format!("{value:.decimals$}");
+    let print = |value: f64| match digits {
+        Decimals(count) => format!("{value:.count$}"),
+        Significant => significant(value),
+    };
     match values[..] {
         [] if group.iter().any(|outcome| outcome.faces == Some(0)) => "no mesh".into(),
         [] if group.iter().any(|outcome| outcome.failure.is_some()) => "failed".into(),
@@ -127,7 +151,14 @@ mod tests {
         let table = markdown(&results);
         assert!(table.contains("| a |  | grid | 3 of 3 | 2.0 (1.0-3.0) | 0.0035 (0.0030-0.0040) |"), "{table}");
         assert!(table.contains("| a |  | slow | 0 of 2 | 9.0 | no mesh |"), "{table}");
-        assert!(!table.contains("volume IoU"), "not measured");
+        assert!(!table.contains("volume IoU") && !table.contains("points"), "not measured");
+        let by_points =
+            Outcome { points_mean: Some(0.00259), points_median: Some(318.24), ..outcome("a", "grid", 0, 3.0, None) };
+        let table = markdown(&Results { outcomes: vec![by_points] });
+        assert!(
+            table.contains("| points: mean | points: median |") && table.contains("| 0.002590 | 318.2 |"),
+            "{table}"
+        );
         let csv = csv(&results.outcomes).unwrap();
         assert_eq!(csv.lines().count(), 6);
         assert!(csv.lines().next().unwrap().ends_with("scene_digest,settings_digest,program,machine"), "{csv}");

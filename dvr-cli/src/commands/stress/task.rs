@@ -136,7 +136,8 @@ impl Task<'_> {
 
     fn job<'a>(&'a self, scene: &'a Path, folder: &'a RunFolder, cancellation: &'a Cancellation) -> Job<'a> {
         let (variant, seed) = (&self.variant, self.seed);
-        Job { scene, folder, variant, supervision: "rgb", seed, time: None, follow_shape: false, cancellation }
+        let (supervision, downscale) = ("rgb", None);
+        Job { scene, folder, variant, supervision, seed, downscale, time: None, follow_shape: false, cancellation }
     }
 
     fn blank(&self, verdict: Verdict) -> Cell {
