@@ -217,7 +217,7 @@ part_ablations() {
 }
 
 part_ablations_photographs() {
-    ablate ablations_photographs "held-out_PSNR,_dB silhouette_IoU" 'capacity={"cells":128}' first_cells=128,steps=900 $(downloaded)
+    ablate ablations_photographs "test_PSNR,_dB silhouette_IoU" 'capacity={"cells":128}' first_cells=128,steps=900 $(downloaded)
 }
 
 part_paper() {

@@ -3,9 +3,9 @@
 #     awk -v only=PATTERN -f summary.awk table.md...
 BEGIN {
     FS = " *\\| *"
-    columns = split("seeds,training; s,whole job; s,Chamfer-L1,floor,held-out PSNR; dB,stored kB", wanted, ",")
+    columns = split("seeds,training; s,whole job; s,Chamfer-L1,floor,test PSNR; dB,stored kB", wanted, ",")
     for (i = 1; i <= columns; i++) gsub(";", ",", wanted[i])
-    printf "| scene | seeds | training, s | whole job, s | Chamfer-L1 | floor | held-out PSNR, dB | stored kB | hull: Chamfer-L1 | hull: PSNR, dB |\n"
+    printf "| scene | seeds | training, s | whole job, s | Chamfer-L1 | floor | test PSNR, dB | stored kB | hull: Chamfer-L1 | hull: PSNR, dB |\n"
     printf "|---|---|---|---|---|---|---|---|---|---|\n"
 }
 # A first paragraph that all tables share is theirs; each table has columns of its own.

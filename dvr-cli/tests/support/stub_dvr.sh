@@ -16,7 +16,7 @@ case $command in
         mkdir -p "$out/charts"
         {
             printf 'A CPU, dvr 9.9 (abcdef012). Median over seeds (range).\n\n'
-            echo "| scene | from | method | seeds | whole job, s | training, s | CPU, s | stored kB | Chamfer-L1 | floor | normals | held-out PSNR, dB | silhouette IoU |"
+            echo "| scene | from | method | seeds | whole job, s | training, s | CPU, s | stored kB | Chamfer-L1 | floor | normals | test PSNR, dB | silhouette IoU |"
             echo "|---|---|---|---|---|---|---|---|---|---|---|---|---|"
             for scene in $scenes; do
                 for method in hull grid; do
