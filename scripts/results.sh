@@ -8,17 +8,24 @@
 # was stopped. OUT/blocks holds the tables; --write copies them between the marks of the pages, with their CSV files and charts, and refuses a
 # program of a tree with changes. Read the conclusions of these pages again afterwards: people write them.
 #
-# Scenes: those that this script renders, the demo scene, and with DVR_SCENES=DIR downloaded ones (docs/guide/scenes.md). Takes `dvr` from
-# $DVR, else builds it with --release. Nothing else should run meanwhile.
+# Scenes: those that this script renders, the demo scene, and with DVR_SCENES=DIR downloaded ones (docs/guide/scenes.md); the part
+# `photographs` takes those of its scenes that are there. DVR_SEEDS=1 takes one seed in place of three, for a look. Takes `dvr` from $DVR,
+# else builds it with --release. Nothing else should run meanwhile.
 set -eu
 
 root=$(cd "$(dirname "$0")/.." && pwd)
 . "$root/scripts/results/parts.sh"
 
-usage() { sed -n '2,13s/^# \{0,1\}//p' "$0" >&2; exit 2; }
+write=no
 
-# Whether the scenes of a part are there.
+usage() { sed -n '2,14s/^# \{0,1\}//p' "$0" >&2; exit 2; }
+
+# Whether the scenes of a part are there: all for a page, some where a part takes some.
 has_scenes() {
+    if [ "$write" = no ] && takes_some "$1"; then
+        [ -n "$(there $(scenes_of "$1"))" ]
+        return
+    fi
     for scene in $(scenes_of "$1"); do
         [ -e "${DVR_SCENES:-/nonexistent}/$scene" ] || return 1
     done
@@ -31,10 +38,9 @@ list() {
         has_scenes "$part" || note=" [needs DVR_SCENES with: $(scenes_of "$part")]"
         printf '%-24s%9s  %s%s\n' "$part" "$(minutes_of "$part")" "$(makes "$part")" "$note"
     done
-    echo "Minutes are estimates for two cores of an AMD EPYC, with a release build and nothing kept."
+    echo "Minutes are estimates for two cores of an AMD EPYC, with a release build, three seeds, all scenes and nothing kept."
 }
 
-write=no
 while :; do
     case ${1:-} in
         --list) list; exit ;;
@@ -71,6 +77,10 @@ fi
 DVR=$(command -v "$DVR") || { echo "DVR: there is no such program" >&2; exit 2; }
 case $DVR in /*) ;; *) DVR=$(pwd)/$DVR ;; esac
 version=$("$DVR" --version)
+case $write:$SEEDS in
+    yes:3 | no:*) ;;
+    *) echo "DVR_SEEDS=$SEEDS: pages have three seeds; write them without it" >&2; exit 2 ;;
+esac
 case $write:$version in
     yes:*-dirty*) echo "$version: pages say of which commit they are; commit the changes first" >&2; exit 2 ;;
 esac

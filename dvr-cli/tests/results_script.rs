@@ -7,6 +7,20 @@ use std::process::{Command, Output};
 
 use tempfile::TempDir;
 
+/// Folders of all scenes that are not the script's own.
+const SCENES: [&str; 10] = [
+    "dino_sparse_ring",
+    "temple_sparse_ring",
+    "nerf_chair",
+    "dtu_scan65",
+    "dtu_scan24",
+    "nerd_head",
+    "photoreal/bronze",
+    "photoreal/plastic",
+    "photoreal/exposure",
+    "photoreal/desk_truth",
+];
+
 /// A copy of the scripts and the pages, and programs that stand for `dvr`, `cargo` and the scripts that download.
 struct Copy {
     folder: TempDir,
@@ -28,9 +42,10 @@ impl Copy {
             let body = "#!/bin/sh\nmkdir -p \"$2/bench\"\necho table > \"$2/bench/table.md\"\necho csv > \"$2/bench/results.csv\"\n";
             copy.program(&format!("scripts/{script}"), if script == "furniture.sh" { "#!/bin/sh\n" } else { body });
         }
-        for scene in ["dino_sparse_ring", "temple_sparse_ring", "nerf_chair", "dtu_scan65"] {
+        for scene in SCENES {
             std::fs::create_dir_all(copy.path("downloaded").join(scene)).unwrap();
         }
+        std::fs::write(copy.path("downloaded/nerd_head/verified_points.npz"), "points").unwrap();
         copy
     }
 
@@ -51,6 +66,7 @@ impl Copy {
         let mut command = Command::new("sh");
         command.arg(self.path("scripts/results.sh")).args(arguments).env("PATH", path);
         command.env("DVR", self.path("bin/dvr")).env("CALLS", self.path("calls")).env_remove("DVR_SCENES");
+        command.env_remove("DVR_SEEDS");
         command.envs(variables.iter().copied()).output().unwrap()
     }
 
@@ -97,6 +113,46 @@ fn every_part_fills_the_marks_of_its_page() {
     assert_eq!(trainings(), 6);
     succeeds(&copy.run(&[out.to_str().unwrap(), "objects"], &[("STUB_COMMIT", "another")]));
     assert_eq!(trainings(), 12, "of another commit they are");
+}
+
+#[test]
+fn photographs_are_measured_as_far_as_they_are_there_in_their_size_and_by_their_points() {
+    let copy = Copy::new();
+    let (out, scenes) = (copy.path("out"), copy.path("downloaded"));
+    let (out, scenes) = (out.to_str().unwrap(), scenes.to_str().unwrap());
+    let calls = |seeds: &str| {
+        succeeds(&copy.run(&[out, "photographs"], &[("DVR_SCENES", scenes), ("DVR_SEEDS", seeds)]));
+        let calls = copy.read("calls");
+        std::fs::remove_file(copy.path("calls")).unwrap();
+        calls.lines().filter(|call| call.starts_with("bench ")).map(str::to_owned).collect::<Vec<_>>()
+    };
+    let all = calls("3");
+    assert_eq!(all.len(), 3, "whole, half and networks: {all:?}");
+    assert!(SCENES.iter().all(|scene| all[0].contains(scene) != (*scene == "nerd_head")), "{}", all[0]);
+    assert!(all[0].contains("--seeds 3") && !all[0].contains("--points") && !all[0].contains("--downscale"));
+    assert!(all[1].contains("dtu_scan24") && all[1].contains("nerd_head"), "{}", all[1]);
+    assert!(all[1].contains("--downscale 2 --points verified_points.npz"), "{}", all[1]);
+    let block = copy.read("out/blocks/photographs_half.md");
+    assert!(block.contains("| nerd_head | rgb | grid | 3 of 3 |") && !block.contains(scenes), "{block}");
+
+    for scene in &SCENES[1..] {
+        std::fs::remove_dir_all(copy.path("downloaded").join(scene)).unwrap();
+    }
+    let some = calls("1");
+    assert_eq!(some.len(), 2, "{some:?}");
+    assert!(some[0].contains("dino_sparse_ring --methods hull,grid --seeds 1"), "{}", some[0]);
+    // A page has all scenes and three seeds.
+    let refused = |seeds: &str| {
+        let variables = [("DVR_SCENES", scenes), ("DVR_SEEDS", seeds)];
+        let output = copy.run(&["--write", out, "photographs"], &variables);
+        assert_eq!(output.status.code(), Some(2));
+        String::from_utf8_lossy(&output.stderr).into_owned()
+    };
+    assert!(refused("3").contains("photographs needs these scenes"));
+    for scene in SCENES {
+        std::fs::create_dir_all(copy.path("downloaded").join(scene)).unwrap();
+    }
+    assert!(refused("1").contains("DVR_SEEDS=1: pages have three seeds"));
 }
 
 #[test]

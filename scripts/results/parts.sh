@@ -13,7 +13,7 @@ minutes_of() {
         ablations) echo 15 ;;
         ablations-photographs) echo 25 ;;
         paper) echo 90 ;;
-        photographs) echo 20 ;;
+        photographs) echo 60 ;;
         stress) echo 25 ;;
         stress-masks) echo 8 ;;
         stress-cameras) echo 10 ;;
@@ -50,11 +50,37 @@ makes() {
     esac
 }
 
+# Seeds of each figure; pages have three.
+SEEDS=${DVR_SEEDS:-3}
+
+# Photographs that ablations and networks are measured on.
 PHOTOGRAPHS="dino_sparse_ring temple_sparse_ring nerf_chair dtu_scan65"
 
-# Folders in DVR_SCENES that a part cannot do without.
+# All photographs and photoreal renders in their own size, and those that are also measured at half of it, or only so.
+WHOLE="$PHOTOGRAPHS dtu_scan24 photoreal/bronze photoreal/plastic photoreal/exposure photoreal/desk_truth"
+HALVED="dtu_scan24 nerd_head"
+
+# Points that were verified on photographs lie under this name in the folders of scenes that have some.
+POINTS=verified_points.npz
+
+# Folders in DVR_SCENES that a part is made of.
 scenes_of() {
-    case $1 in photographs | ablations-photographs) echo "$PHOTOGRAPHS" ;; esac
+    case $1 in
+        photographs) echo "$WHOLE nerd_head" ;;
+        ablations-photographs) echo "$PHOTOGRAPHS" ;;
+    esac
+}
+
+# Whether a part can be made of some of its scenes.
+takes_some() {
+    [ "$1" = photographs ]
+}
+
+# Those of some folders of DVR_SCENES that are there, with their paths.
+there() {
+    for scene in "$@"; do
+        [ ! -e "${DVR_SCENES:-/nonexistent}/$scene" ] || printf '%s ' "$DVR_SCENES/$scene"
+    done
 }
 
 # Puts a block into its page, if it has one and pages are to be written.
@@ -145,10 +171,6 @@ render_shapes() {
     R128="$out/scenes/res128/blob $out/scenes/res128/sharp $out/scenes/res128/plate $out/scenes/res128/rods"
 }
 
-downloaded() {
-    for scene in $PHOTOGRAPHS; do printf '%s ' "$DVR_SCENES/$scene"; done
-}
-
 # Scenes of the README's table.
 README_SCENES='^(res128.*|mug|dino_sparse_ring|dtu_scan65)$'
 
@@ -164,19 +186,19 @@ readme() {
 }
 
 part_demo() {
-    bench demo - assets/scenes/mug --methods hull,grid --seeds 3
+    bench demo - assets/scenes/mug --methods hull,grid --seeds "$SEEDS"
     readme
 }
 
 part_renders() {
     render_shapes
-    bench renders docs/results/renders.md $R64 $R128 assets/scenes/mug --methods hull,grid --seeds 3
+    bench renders docs/results/renders.md $R64 $R128 assets/scenes/mug --methods hull,grid --seeds "$SEEDS"
     readme
 }
 
 part_depth() {
     render_shapes
-    bench depth docs/results/depth.md $R64 --methods grid --supervision depth --seeds 3
+    bench depth docs/results/depth.md $R64 --methods grid --supervision depth --seeds "$SEEDS"
 }
 
 part_speed() {
@@ -192,7 +214,7 @@ part_speed() {
 ablate() { # NAME FIGURES SETTINGS FLAT SCENE...
     name=$1 figures=$2 shared=$3 flat=$4
     shift 4
-    bench "$name" - "$@" --methods hull --seeds 3 \
+    bench "$name" - "$@" --methods hull --seeds "$SEEDS" \
         --variant "base:$shared" \
         --variant "no-photo-consistency:$shared,losses.photo_consistency.weight=0" \
         --variant "no-patch-ncc:$shared,losses.patch_ncc.weight=0" \
@@ -213,11 +235,11 @@ part_ablations() {
     render_shapes
     ablate ablations_renders "Chamfer-L1 normals CPU,_s" 'capacity={"cells":64}' first_cells=64,steps=600 $R64
     stress ablations_sweep docs/results/ablations.md --axis bowl-depth,texture-contrast,texture-repeats --methods hull,grid \
-        --seeds 3 --variant off:plane_sweep_pixels=0
+        --seeds "$SEEDS" --variant off:plane_sweep_pixels=0
 }
 
 part_ablations_photographs() {
-    ablate ablations_photographs "test_PSNR,_dB silhouette_IoU" 'capacity={"cells":128}' first_cells=128,steps=900 $(downloaded)
+    ablate ablations_photographs "test_PSNR,_dB silhouette_IoU" 'capacity={"cells":128}' first_cells=128,steps=900 $(there $PHOTOGRAPHS)
 }
 
 part_paper() {
@@ -230,29 +252,41 @@ part_paper() {
     bench paper_supervision docs/results/paper.md "$@" --methods classic,network,grid --seeds 1 --supervision rgb,depth,rgb+depth
 }
 
+# A benchmark of scenes in DVR_SCENES, as far as they are there; with verified points where one of them has some.
+bench_there() { # NAME SCENES ARGUMENT...
+    name=$1 found=$(there $2)
+    shift 2
+    [ -n "$found" ] || return 0
+    for scene in $found; do
+        [ ! -f "$scene/$POINTS" ] || { set -- "$@" --points "$POINTS"; break; }
+    done
+    bench "$name" docs/results/photographs.md $found "$@"
+}
+
 part_photographs() {
-    bench photographs docs/results/photographs.md $(downloaded) --methods hull,grid --seeds 3
-    bench photographs_networks docs/results/photographs.md $(downloaded) --methods network,classic --seeds 1 --time 110s
+    bench_there photographs "$WHOLE" --methods hull,grid --seeds "$SEEDS"
+    bench_there photographs_half "$HALVED" --methods hull,grid --seeds "$SEEDS" --downscale 2
+    bench_there photographs_networks "$PHOTOGRAPHS" --methods network,classic --seeds 1 --time 110s
     readme
 }
 
 part_stress() {
-    stress stress docs/results/stress.md --methods hull,grid --seeds 3 --axis shape,texture,views,pictures,gradients
+    stress stress docs/results/stress.md --methods hull,grid --seeds "$SEEDS" --axis shape,texture,views,pictures,gradients
     for chart in "$out"/stress/charts/*.svg; do charts stress "$(basename "$chart" .svg)"; done
 }
 
 part_stress_masks() {
-    stress stress_masks docs/results/stress_masks.md --methods hull,grid --seeds 3 --axis masks
+    stress stress_masks docs/results/stress_masks.md --methods hull,grid --seeds "$SEEDS" --axis masks
     for chart in "$out"/stress_masks/charts/*.svg; do charts stress_masks "$(basename "$chart" .svg)"; done
 }
 
 part_stress_cameras() {
-    stress stress_cameras docs/results/stress_cameras.md --methods hull,grid --seeds 3 --axis cameras --variant refined:refine_cameras=10
+    stress stress_cameras docs/results/stress_cameras.md --methods hull,grid --seeds "$SEEDS" --axis cameras --variant refined:refine_cameras=10
     for chart in "$out"/stress_cameras/charts/*.svg; do charts stress_cameras "$(basename "$chart" .svg)"; done
 }
 
 part_stress_photographs() {
-    stress stress_photographs docs/results/stress_photographs.md --methods hull,grid --seeds 3 --axis photographs
+    stress stress_photographs docs/results/stress_photographs.md --methods hull,grid --seeds "$SEEDS" --axis photographs
     for chart in "$out"/stress_photographs/charts/*.svg; do charts stress_photographs "$(basename "$chart" .svg)"; done
 }
 
@@ -264,9 +298,9 @@ part_stress_network() {
 part_furniture() {
     of_this_commit furniture furniture/data furniture_scenes/data
     DVR=$DVR sh scripts/furniture.sh "$out/furniture"
-    DVR=$DVR sh scripts/furniture_scenes.sh "$out/furniture" "$out/furniture_scenes" --seeds 3 || [ $? -eq 1 ]
+    DVR=$DVR sh scripts/furniture_scenes.sh "$out/furniture" "$out/furniture_scenes" --seeds "$SEEDS" || [ $? -eq 1 ]
     block furniture_scenes docs/results/furniture_scenes.md "$out/furniture_scenes/bench/table.md" \
-        "scripts/furniture.sh furniture && scripts/furniture_scenes.sh furniture DIR --seeds 3"
+        "scripts/furniture.sh furniture && scripts/furniture_scenes.sh furniture DIR --seeds $SEEDS"
     publish "$out/furniture_scenes/bench/results.csv" furniture_scenes.csv
 }
 
@@ -332,7 +366,7 @@ origin() {
 part_camera_refinement() {
     render_shapes
     printed camera_refinement docs/results/camera_refinement.md \
-        cargo bench -q -p dvr-train --bench camera_refinement -- "$out/scenes/res128/blob" --seeds 3
+        cargo bench -q -p dvr-train --bench camera_refinement -- "$out/scenes/res128/blob" --seeds "$SEEDS"
 }
 
 part_step() {

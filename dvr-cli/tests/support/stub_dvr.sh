@@ -7,7 +7,7 @@ scenes=
 previous=
 for argument in "$@"; do
     [ "$previous" != --out ] || out=$argument
-    case $argument in */res64/* | */res128/* | */mug | */dino_* | */temple_* | */nerf_* | */dtu_*) scenes="$scenes $(basename "$argument")" ;; esac
+    case $argument in */res64/* | */res128/* | */mug | */dino_* | */temple_* | */nerf_* | */dtu_* | */photoreal/* | */nerd_*) scenes="$scenes $(basename "$argument")" ;; esac
     previous=$argument
 done
 case $command in
