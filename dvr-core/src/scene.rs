@@ -28,7 +28,7 @@ pub enum MaskSource {
     /// A picture of its own.
     #[default]
     File,
-    /// The photograph's alpha channel.
+    /// The photograph's alpha channel, or a picture of its own that says the same.
     Alpha,
     /// The photograph's difference from a plain background.
     Background,

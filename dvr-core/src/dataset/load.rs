@@ -156,7 +156,11 @@ pub(super) fn load_view(view: &RawView, mirrored: bool, cameras: &Path, options:
     let (width, height) = image.dimensions();
     let (mut mask, mask_source) = match (options.background, &view.mask, &alpha) {
         (Some(background), _, _) => (Some(mask_from_background(&image, background)), MaskSource::Background),
-        (None, Some(path), _) => (Some(read_mask(path)?), MaskSource::File),
+        (None, Some(path), alpha) => {
+            let mask = read_mask(path)?;
+            let source = if repeats(&mask, alpha.as_ref()) { MaskSource::Alpha } else { MaskSource::File };
+            (Some(mask), source)
+        }
         (None, None, Some(alpha)) => (Some(alpha.clone()), MaskSource::Alpha),
         (None, None, None) => (None, MaskSource::default()),
     };
@@ -207,6 +211,14 @@ pub(super) fn load_view(view: &RawView, mirrored: bool, cameras: &Path, options:
     }
     let split = view.split;
     Ok(View { depth, split, mask_source, ..View::new(view.name.as_str(), camera, stored(image), mask) })
+}
+
+/// Whether a mask says of every pixel what the photograph's own alpha channel says.
+fn repeats(mask: &Mask, alpha: Option<&Mask>) -> bool {
+    alpha.is_some_and(|alpha| {
+        let same = |(a, b): (&u8, &u8)| (*a >= 128) == (*b >= 128);
+        mask.size() == alpha.size() && mask.coverage.iter().zip(alpha.coverage.iter()).all(same)
+    })
 }
 
 fn flip_depth(depth: &mut DepthMap) {

@@ -19,12 +19,18 @@ const LONG: usize = 12;
 /// object before any of it is given back.
 pub(super) const MOST: f64 = 0.75;
 
+/// How far, in pixels, a pixel that is mixed by its mask may be from one that is not and looks like the other kind, to be
+/// of the other kind too: as wide as masks are soft.
+const SOFT: usize = 2;
+
 /// Two kinds of pixels, object and background, in either role: candidates that are claimed to be of one kind are compared
 /// with the other kind around them. Pixels are indices, row by row.
 pub(super) struct ColorClassifier<'a> {
     size: [usize; 2],
     /// Which pixels are of the other kind, that the candidates may be of, too.
     pub(super) known: &'a [bool],
+    /// Which pixels the mask says to be partly object, partly background.
+    mixed: &'a [bool],
     colors: &'a [[u8; 3]],
     /// Colours of the kind that candidates are claimed to be of.
     claimed: Vec<Vec3>,
@@ -37,14 +43,20 @@ pub(super) struct ColorClassifier<'a> {
 impl<'a> ColorClassifier<'a> {
     /// Candidates are the `near` pixels that are not `known`; the claimed kind's colours are those of all pixels that are
     /// not `near`. `None` where there are no candidates, or nothing to compare them with.
-    pub(super) fn new(size: [usize; 2], known: &'a [bool], near: Vec<bool>, colors: &'a [[u8; 3]]) -> Option<Self> {
+    pub(super) fn new(
+        size: [usize; 2],
+        known: &'a [bool],
+        mixed: &'a [bool],
+        near: Vec<bool>,
+        colors: &'a [[u8; 3]],
+    ) -> Option<Self> {
         let beyond: Vec<usize> = (0..known.len()).filter(|&pixel| !near[pixel]).collect();
         let found: BTreeSet<[u8; 3]> = spread(&beyond, 4 * COLORS).map(|&pixel| colors[pixel]).collect();
         let found: Vec<[u8; 3]> = found.into_iter().collect();
         let claimed: Vec<Vec3> = spread(&found, COLORS).map(|color| Vec3::from(color.map(f32::from))).collect();
         let candidates: Vec<usize> = (0..known.len()).filter(|&pixel| near[pixel] && !known[pixel]).collect();
         let has_both = !claimed.is_empty() && !candidates.is_empty();
-        has_both.then_some(Self { size, known, colors, claimed, candidates, holes: Vec::new() })
+        has_both.then_some(Self { size, known, mixed, colors, claimed, candidates, holes: Vec::new() })
     }
 
     /// With regions of candidates that count as a whole or not at all.
@@ -97,6 +109,17 @@ impl<'a> ColorClassifier<'a> {
         from_claimed > 0.5 * median && from_claimed > from_known + NEARER
     }
 
+    /// Takes back the looks of mixed pixels that no pixel beside them supports which is not mixed and looks the same.
+    ///
+    /// A mask that says of a pixel that it is mixed, at a soft edge, is right whatever the pixel's colour: straight alpha
+    /// shows the object's colour alone there.
+    fn believe_mixed(&self, looks: &mut [bool]) {
+        let is_supported = |pixel: usize| self.around(pixel, SOFT).any(|near| looks[near] && !self.mixed[near]);
+        let is_unsupported = |&pixel: &usize| looks[pixel] && self.mixed[pixel] && !is_supported(pixel);
+        let unsupported: Vec<usize> = self.candidates.iter().copied().filter(is_unsupported).collect();
+        unsupported.into_iter().for_each(|pixel| looks[pixel] = false);
+    }
+
     /// Regions of candidates that look like the other kind, connected by edges or corners.
     fn regions(&self) -> Vec<Vec<usize>> {
         let mut apart = vec![f32::NAN; self.known.len()];
@@ -104,6 +127,7 @@ impl<'a> ColorClassifier<'a> {
         for &pixel in &self.candidates {
             looks[pixel] = self.looks_known(pixel, &mut apart);
         }
+        self.believe_mixed(&mut looks);
         // Of a hole that is dark in its middle, a shaded place or a true hole, the edges decide nothing.
         for hole in &self.holes {
             if (hole.iter().filter(|&&pixel| looks[pixel]).count() as f64) < MOST * hole.len() as f64 {

@@ -8,8 +8,8 @@ use super::regions::near;
 ///
 /// A rim shows the background around it and no colour of the object's inside, along most of the outline: a highlight is
 /// no background.
-pub(super) fn rim_pixels(size: [usize; 2], background: &[bool], colors: &[[u8; 3]]) -> Vec<usize> {
-    let Some(classifier) = ColorClassifier::new(size, background, near(background, size), colors) else {
+pub(super) fn rim_pixels(size: [usize; 2], background: &[bool], mixed: &[bool], colors: &[[u8; 3]]) -> Vec<usize> {
+    let Some(classifier) = ColorClassifier::new(size, background, mixed, near(background, size), colors) else {
         return Vec::new();
     };
     let rim = classifier.certain_pixels();
