@@ -106,6 +106,7 @@ mod tests {
             format: "test",
             views: names.into_iter().map(view).collect(),
             object_to_world: Similarity::default(),
+            region: crate::region::Region::default(),
             sparse_points: None,
             ground_truth: GroundTruth::default(),
             warnings: Vec::new(),

@@ -9,6 +9,7 @@ use crate::error::{Error, Result};
 use crate::pixels::Picture;
 use crate::points::{OccupancySamples, PointCloud};
 use crate::raster::{DepthMap, Mask};
+use crate::region::Region;
 
 /// What a view may be used for: as the dataset says, or as [`Scene::hold_out`] divides what it leaves open.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
@@ -138,6 +139,8 @@ pub struct Scene {
     pub views: Vec<View>,
     /// Takes object space (the unit cube) to the world of the files. Every export goes through it.
     pub object_to_world: Similarity,
+    /// Where in the unit cube the object is, and what decided it.
+    pub region: Region,
     /// Points on the object that come with the cameras: COLMAP's model, nerfstudio's PLY, or `pcl.npz` of the DVR files.
     pub sparse_points: Option<SparsePoints>,
     /// The true shape, where the dataset has it.

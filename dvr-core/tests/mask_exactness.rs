@@ -1,7 +1,7 @@
 //! Exact masks stay to the pixel, whatever the pictures show beside them; wrong ones are mended all the same.
 
 use dvr_core::{
-    Camera, Cancellation, GroundTruth, Mask, MaskSource, Scene, Similarity, View, dataset, refine_masks, stored,
+    Camera, Cancellation, GroundTruth, Mask, MaskSource, Region, Scene, Similarity, View, dataset, refine_masks, stored,
 };
 use glam::{DVec2, DVec3};
 use image::{GrayImage, Luma, Rgb, RgbImage, Rgba, RgbaImage};
@@ -65,6 +65,7 @@ fn scene(views: Vec<View>) -> Scene {
         format: "test",
         views,
         object_to_world: Similarity::default(),
+        region: Region::default(),
         sparse_points: None,
         ground_truth: GroundTruth::default(),
         warnings: Vec::new(),

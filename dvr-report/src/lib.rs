@@ -36,6 +36,7 @@ mod html;
 mod mesh_data;
 mod page;
 mod pictures;
+mod region_pictures;
 mod report;
 mod run_section;
 mod settings;

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use dvr_core::hull::Bounds;
 use dvr_core::mesh::{Mesh, read_mesh};
 use dvr_core::{Camera, Scene, View, Visibility};
 use dvr_render::MeshShader;
@@ -15,6 +16,7 @@ use crate::diagnostics::{Diagnostics, disagreeing_masks};
 use crate::error::{Error, Result};
 use crate::mesh_data::{EncodedMesh, encode};
 use crate::pictures::{ViewPictures, jpeg, view_pictures};
+use crate::region_pictures::RegionPicture;
 use crate::settings::Settings;
 
 /// How much of a page one run may fill.
@@ -84,6 +86,8 @@ pub struct RunSummary {
     pub scene: Option<SceneFacts>,
     /// Test views; training views where there are none.
     pub views: Vec<ViewPictures>,
+    /// Training views with the box within which the surface was looked for.
+    pub region: Vec<RegionPicture>,
     /// Whether these are test views.
     pub views_are_for_testing: bool,
     /// What the reader should know.
@@ -120,6 +124,7 @@ impl RunSummary {
             coverage: None,
             scene: None,
             views: Vec::new(),
+            region: Vec::new(),
             views_are_for_testing: false,
             diagnostics: Diagnostics::default(),
             preview: None,
@@ -158,6 +163,7 @@ impl RunSummary {
                 views: [split.train.len(), split.validation.len(), split.test.len()],
                 size: scene.views.first().map_or((0, 0), |view| view.image.dimensions()),
             });
+            self.region = region_pictures(split, budget)?;
             if !mesh.is_empty() {
                 self.render_views(&mesh, split, budget)?;
             }
@@ -209,6 +215,16 @@ impl RunSummary {
         Ok(())
     }
 }
+
+/// Some training views, evenly spread, with the unit cube.
+fn region_pictures(split: &ViewSplit, budget: Budget) -> Result<Vec<RegionPicture>> {
+    let count = budget.views.min(split.train.len()).min(REGION_VIEWS);
+    let chosen = (0..count).map(|i| split.train[(2 * i + 1) * split.train.len() / (2 * count)]);
+    chosen.map(|view| RegionPicture::of(view, &Bounds::UNIT_CUBE, budget.width * 2 / 3)).collect()
+}
+
+/// Most training views that are shown with the region.
+const REGION_VIEWS: usize = 4;
 
 /// Pixels by which a view's mask is compared with the mesh.
 const MASK_PIXELS: usize = 2000;

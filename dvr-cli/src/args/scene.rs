@@ -52,7 +52,8 @@ pub struct SceneArgs {
 /// How the object is centred and scaled to the unit cube.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub enum NormaliseArg {
-    /// By the files where they have a normalisation, else by the masks
+    /// By the files where they promise the unit cube, else by the masks, bounded by the files' sphere, sparse points or what
+    /// all cameras look at where the frame cuts masks
     Auto,
     /// By the files (scale_mat)
     Files,

@@ -17,6 +17,9 @@ const HULL_RESOLUTION: usize = 96;
 /// Share of a mask that the hull may leave unexplained without a warning.
 const UNEXPLAINED_WARNING: f64 = 0.02;
 
+/// Share of the hull that may lie beyond the region of interest without a warning.
+const BEYOND_WARNING: f64 = 0.05;
+
 /// What is printed with `--json`.
 #[derive(Serialize)]
 struct Info {
@@ -30,6 +33,10 @@ struct Info {
     views: Vec<ViewInfo>,
     object_center_world: [f64; 3],
     object_edge_world: f64,
+    /// The region of interest, in the units of the scene.
+    region_box: [[f64; 3]; 2],
+    /// What decided the region.
+    region_by: String,
     /// `None` without masks.
     hull_share_of_cube: Option<f64>,
     hull_box: Option<[[f64; 3]; 2]>,
@@ -75,7 +82,16 @@ pub fn run(args: &InfoArgs, cancellation: &Cancellation) -> Result<ExitCode> {
 
 fn look(scene: &Scene, rule: String) -> Result<Info> {
     let mut warnings = scene.warnings.clone();
+    warnings.extend(scene.region_notes());
+    let to_world = |b: Bounds| [b.min, b.max].map(|point| scene.object_to_world.transform_point(point).to_array());
     let (hull, unexplained) = hull_of_masks(scene, &mut warnings)?;
+    let beyond = hull.as_ref().map_or(0.0, |hull| share_beyond(hull, &scene.region.bounds));
+    if beyond > BEYOND_WARNING {
+        warnings.push(format!(
+            "{:.0} % of the masks' visual hull in the unit cube lies beyond the region of interest: few views look there",
+            100.0 * beyond
+        ));
+    }
     for (view, &share) in scene.views.iter().zip(&unexplained) {
         if let Some(share) = share.filter(|&share| share > UNEXPLAINED_WARNING) {
             warnings.push(format!(
@@ -112,10 +128,10 @@ fn look(scene: &Scene, rule: String) -> Result<Info> {
         views: views.collect(),
         object_center_world: scene.object_to_world.translation.to_array(),
         object_edge_world: scene.object_to_world.scale,
+        region_box: to_world(scene.region.bounds),
+        region_by: scene.region.to_string(),
         hull_share_of_cube: hull.as_ref().map(VisualHull::volume),
-        hull_box: (hull.as_ref())
-            .and_then(VisualHull::bounding_box)
-            .map(|b| [b.min, b.max].map(|p| scene.object_to_world.transform_point(p).to_array())),
+        hull_box: (hull.as_ref()).and_then(VisualHull::bounding_box).map(to_world),
         sparse_points: scene.sparse_points.as_ref().map_or(0, |points| points.cloud.points.len()),
         has_surface_truth: scene.ground_truth.surface.is_some(),
         has_occupancy_truth: scene.ground_truth.occupancy.is_some(),
@@ -146,6 +162,14 @@ fn hull_of_masks(scene: &Scene, warnings: &mut Vec<String>) -> Result<(Option<Vi
     let mut shares = silhouette_consistency(&pairs, &reference)?.into_iter();
     let unexplained = scene.views.iter().map(|view| view.training_mask().and_then(|_| shares.next()));
     Ok((Some(hull), unexplained.collect()))
+}
+
+/// The share of a hull's voxels whose centres lie more than a voxel beyond a box.
+fn share_beyond(hull: &VisualHull, bounds: &Bounds) -> f64 {
+    let voxel = hull.voxel_size();
+    let (low, high) = (bounds.min - voxel, bounds.max + voxel);
+    let beyond = hull.centers().filter(|center| center.cmplt(low).any() || center.cmpgt(high).any()).count();
+    beyond as f64 / hull.occupied_voxels().max(1) as f64
 }
 
 /// The hull with the fewest views allowed to disagree that is not empty, up to half of them; 0 where there is none.
@@ -190,17 +214,11 @@ fn print(info: &Info) {
     }
     let [x, y, z] = info.object_center_world;
     println!("  unit cube   centre ({x:.5}, {y:.5}, {z:.5}), edge {:.5} scene units", info.object_edge_world);
+    println!("  region      {}, by {}", box_text(info.region_box), info.region_by);
     match (info.hull_box, info.hull_share_of_cube) {
-        (Some([low, high]), Some(share)) => println!(
-            "  hull        ({:.5}, {:.5}, {:.5}) to ({:.5}, {:.5}, {:.5}), {:.1} % of the unit cube",
-            low[0],
-            low[1],
-            low[2],
-            high[0],
-            high[1],
-            high[2],
-            100.0 * share
-        ),
+        (Some(hull), Some(share)) => {
+            println!("  hull        {}, {:.1} % of the unit cube", box_text(hull), 100.0 * share);
+        }
         (None, Some(_)) => println!("  hull        empty"),
         (_, None) => println!("  hull        unknown without masks"),
     }
@@ -212,4 +230,10 @@ fn print(info: &Info) {
     };
     println!("  truth       {truth}");
     print_notes(&info.warnings);
+}
+
+/// The corners of a box.
+fn box_text([low, high]: [[f64; 3]; 2]) -> String {
+    let corner = |[x, y, z]: [f64; 3]| format!("({x:.5}, {y:.5}, {z:.5})");
+    format!("{} to {}", corner(low), corner(high))
 }

@@ -35,6 +35,7 @@ mod pairing;
 mod points_file;
 mod raw_scene;
 mod read;
+mod region_of_interest;
 mod write_transforms;
 
 pub use crop::square_around;

@@ -5,46 +5,31 @@ use rayon::prelude::*;
 
 use super::options::Normalise;
 use super::raw_scene::{ObjectBounds, RawScene};
-use crate::camera::{Camera, Similarity};
+use super::region_of_interest::{Place, by_masks};
+use crate::camera::Similarity;
 use crate::error::{Error, Result};
-use crate::hull::{Bounds, normalisation, normalisation_by_cameras};
 use crate::points::PointCloud;
 use crate::raster::Mask;
 use crate::ray::UnitCube;
+use crate::region::{Region, RegionEvidence};
 use crate::scene::{Split, View};
 
 /// Share of the object's pixels that may look past the cube before a warning says so.
 const TOLERATED_OUTSIDE: f64 = 0.02;
 
-/// Moves views, ground truth and sparse points from the files' space to object space; returns `object_to_world`.
+/// Moves views, ground truth and sparse points from the files' space to object space; returns `object_to_world`, and where
+/// in the unit cube the object is.
 ///
 /// # Errors
 /// [`Error::Normalisation`] where the object cannot be found by its masks, [`Error::NoPlace`] where the files are to say
 /// where it is and do not.
-pub(super) fn into_object_space(raw: &mut RawScene, views: &mut [View], normalise: Normalise) -> Result<Similarity> {
-    let object_to_files = match (normalise, raw.object_bounds) {
-        (Normalise::Auto | Normalise::Files, ObjectBounds::UnitCube) => Similarity::default(),
-        (Normalise::Files, ObjectBounds::Bound(bound)) => bound,
-        (Normalise::Files, ObjectBounds::Unknown) => {
-            return Err(Error::NoPlace { path: raw.root.clone(), format: raw.format });
-        }
-        (Normalise::Given(object_to_world), _) => compose(&raw.files_to_world.inverse(), &object_to_world),
-        (Normalise::Auto, ObjectBounds::Bound(bound)) => match by_masks(views, Some(&bound)) {
-            Ok((similarity, warnings)) => {
-                raw.warnings.extend(warnings);
-                similarity
-            }
-            Err(error) => {
-                raw.warnings.push(format!("the sphere of the cameras' file bounds the object, because: {error}"));
-                bound
-            }
-        },
-        (Normalise::Hull, _) | (Normalise::Auto, ObjectBounds::Unknown) => {
-            let (similarity, warnings) = by_masks(views, None)?;
-            raw.warnings.extend(warnings);
-            similarity
-        }
-    };
+pub(super) fn into_object_space(
+    raw: &mut RawScene,
+    views: &mut [View],
+    normalise: Normalise,
+) -> Result<(Similarity, Region)> {
+    let Place { object_to_files, region, warnings } = place_of_object(raw, views, normalise)?;
+    raw.warnings.extend(warnings);
     if object_to_files != Similarity::default() {
         for view in views.iter_mut() {
             view.camera = view.camera.into_object_space(&object_to_files);
@@ -67,28 +52,33 @@ pub(super) fn into_object_space(raw: &mut RawScene, views: &mut [View], normalis
             move_all(&mut sparse.cloud.points);
         }
     }
-    Ok(compose(&raw.files_to_world, &object_to_files))
+    Ok((compose(&raw.files_to_world, &object_to_files), region))
 }
 
-/// Finds the object by its masks, in the image of the unit cube under `bound` where that is known; where no view has a
-/// mask, by what all cameras look at.
-fn by_masks(views: &[View], bound: Option<&Similarity>) -> Result<(Similarity, Vec<String>)> {
-    if views.iter().all(|view| view.mask.is_none()) {
-        let cameras: Vec<&Camera> = views.iter().map(|view| &view.camera).collect();
-        let warning =
-            "without masks, the unit cube is what most pictures show around the point that all cameras look at";
-        return Ok((normalisation_by_cameras(&cameras)?, vec![warning.to_owned()]));
-    }
-    // What the dataset keeps for testing has no say in where the object is, as long as others have.
-    let others = views.iter().filter(|view| view.split != Split::Test && view.mask.is_some()).count();
-    let is_asked = |view: &View| others < 2 || view.split != Split::Test;
-    let views: Vec<_> =
-        views.iter().map(|view| (&view.camera, view.mask.as_ref().filter(|_| is_asked(view)))).collect();
-    let mut found = normalisation(&views)?;
-    if let Some(bound) = bound {
-        found = found.within(&Bounds::cube(bound.translation, 0.5 * bound.scale));
-    }
-    Ok((found.object_to_world, found.warnings))
+/// Asks whom `normalise` names for where the object is.
+fn place_of_object(raw: &RawScene, views: &[View], normalise: Normalise) -> Result<Place> {
+    Ok(match (normalise, raw.object_bounds) {
+        (Normalise::Auto | Normalise::Files, ObjectBounds::UnitCube) => {
+            Place::cube(Similarity::default(), RegionEvidence::Files)
+        }
+        (Normalise::Files, ObjectBounds::Bound(bound)) => Place::cube(bound, RegionEvidence::Files),
+        (Normalise::Files, ObjectBounds::Unknown) => {
+            return Err(Error::NoPlace { path: raw.root.clone(), format: raw.format });
+        }
+        (Normalise::Given(object_to_world), _) => {
+            Place::cube(compose(&raw.files_to_world.inverse(), &object_to_world), RegionEvidence::Given)
+        }
+        (Normalise::Auto, ObjectBounds::Bound(bound)) => match by_masks(raw, views, Some(&bound)) {
+            Ok(place) => place,
+            Err(error) => {
+                let mut place = Place::cube(bound, RegionEvidence::Sphere);
+                let warning = format!("the sphere of the cameras' file bounds the object, because: {error}");
+                place.warnings.push(warning);
+                place
+            }
+        },
+        (Normalise::Hull, _) | (Normalise::Auto, ObjectBounds::Unknown) => by_masks(raw, views, None)?,
+    })
 }
 
 /// `outer` after `inner`.

@@ -72,12 +72,13 @@ impl FromStr for BackgroundColor {
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Normalise {
-    /// The files where they promise the unit cube (the DVR layout), else the masks.
+    /// The files where they promise the unit cube (the DVR layout), else the masks, bounded by the files' sphere, and where
+    /// the frame cuts masks by sparse points or what all cameras look at.
     #[default]
     Auto,
     /// The files: `scale_mat` as it is. For the IDR layout its sphere, inscribed in the cube.
     Files,
-    /// The masks: the visual hull fills the unit cube, less a margin.
+    /// The masks: the visual hull fills the unit cube, less a margin. As for [`Normalise::Auto`], without the files' sphere.
     Hull,
     /// The caller: this similarity takes the unit cube to the world of the files.
     Given(Similarity),

@@ -24,7 +24,7 @@ pub fn read_scene(path: &Path, options: &ReadOptions) -> Result<Scene> {
     let mut views = load_views(&mut raw, options)?;
     check_masks(&mut raw, &views)?;
     options.cancellation.check()?;
-    let object_to_world = into_object_space(&mut raw, &mut views, options.normalise)?;
+    let (object_to_world, region) = into_object_space(&mut raw, &mut views, options.normalise)?;
     check_cube(&views, &mut raw.warnings);
     keep_points_on_object(&mut raw, &views);
     Ok(Scene {
@@ -33,6 +33,7 @@ pub fn read_scene(path: &Path, options: &ReadOptions) -> Result<Scene> {
         format: raw.format,
         views,
         object_to_world,
+        region,
         sparse_points: raw.sparse_points,
         ground_truth: raw.ground_truth,
         warnings: raw.warnings,

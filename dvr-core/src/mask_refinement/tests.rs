@@ -150,6 +150,7 @@ fn scene(views: Vec<View>) -> Scene {
         format: "test",
         views,
         object_to_world: Similarity::default(),
+        region: crate::region::Region::default(),
         sparse_points: None,
         ground_truth: GroundTruth::default(),
         warnings: Vec::new(),

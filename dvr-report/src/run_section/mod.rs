@@ -5,6 +5,7 @@ mod evaluations;
 mod figures;
 mod overview;
 mod parts;
+mod region;
 mod viewer;
 mod views;
 

@@ -2,15 +2,17 @@
 
 use super::configuration::configuration;
 use super::evaluations::evaluations;
+use super::region::region;
 use super::views::views;
 use crate::curves::{Curves, charts};
 use crate::page::Section;
 use crate::summary::RunSummary;
 
-/// Views, evaluations and settings of a run; those that are empty are left out.
+/// Views, region, evaluations and settings of a run; those that are empty are left out.
 pub(crate) fn sections_of(summary: &RunSummary) -> Vec<Section> {
     let parts = [
         ("Views", views(summary)),
+        ("Region of interest", region(summary)),
         ("Unseen objects", evaluations(summary)),
         ("Settings and time", configuration(summary)),
     ];

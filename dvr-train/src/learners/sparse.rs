@@ -66,6 +66,7 @@ mod tests {
             format: "test",
             views: vec![view("a", DVec3::Z * 2.0), view("b", DVec3::X * 2.0)],
             object_to_world: Similarity::default(),
+            region: dvr_core::Region::default(),
             sparse_points: Some(SparsePoints {
                 cloud,
                 visible_in: vec![vec![0, 1], vec![1]],
