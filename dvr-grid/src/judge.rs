@@ -22,8 +22,9 @@ const PIXELS: usize = 6000;
 /// With fewer, nothing is judged: the photographs are plain.
 const FEWEST: usize = 100;
 
-/// Variance of a patch's brightness from which on it is textured: a contrast of .02, above the noise of photographs.
-const TEXTURED: f32 = 4e-4;
+/// Variance of a patch's brightness, beyond that of a ramp, from which on it is textured: a contrast of .014, above the
+/// noise of photographs.
+const TEXTURED: f32 = 2e-4;
 
 /// Training photographs that a pixel is carried to: those whose line of sight is nearest to this angle from its own,
 /// radians. From nearer by, a wrong depth hardly shows.
@@ -64,7 +65,7 @@ impl<'a> ShapeJudge<'a> {
         let textured: Vec<(usize, [u32; 2])> = (views.par_iter().enumerate())
             .flat_map_iter(|(index, view)| {
                 let [width, height] = view.size();
-                let is_textured = move |[u, v]: [u32; 2]| Patch::contrast(view, [u, v], 1) > TEXTURED;
+                let is_textured = move |[u, v]: [u32; 2]| Patch::contrast(view, [u, v]) > TEXTURED;
                 let pixels = (0..height).flat_map(move |v| (0..width).map(move |u| [u, v]));
                 pixels.filter(move |&pixel| is_textured(pixel)).map(move |pixel| (index, pixel))
             })
@@ -121,12 +122,12 @@ mod tests {
     use crate::losses::GridLosses;
     use crate::step::suite::Fixture;
 
-    /// What the first photograph of a painted ball of radius .3 says of a ball of another radius, with the others to
+    /// What the first photograph of a speckled ball of radius .3 says of a ball of another radius, with the others to
     /// compare with.
     fn judged(radius: f32) -> Likeness {
-        let fixture = Fixture::ball(radius, GridLosses::default());
+        let fixture = Fixture::speckled_ball(radius, GridLosses::default());
         let training = TrainingView::pack(&fixture.pictures[1..], 2);
-        let judge = ShapeJudge::new(&fixture.pictures[..1], &training).expect("paint is textured");
+        let judge = ShapeJudge::new(&fixture.pictures[..1], &training).expect("speckles are textured");
         judge.likeness(&training, &fixture.grids)
     }
 
@@ -148,15 +149,9 @@ mod tests {
     }
 
     #[test]
-    fn plain_photographs_do_not_judge() {
+    fn ramps_of_brightness_do_not_judge() {
         let fixture = Fixture::ball(0.3, GridLosses::default());
-        let mut plain = fixture.pictures[0].clone();
-        plain.image = dvr_core::stored(image::RgbImage::from_pixel(
-            plain.image.width(),
-            plain.image.height(),
-            image::Rgb([120, 130, 140]),
-        ));
-        assert!(ShapeJudge::new(&[&plain], &fixture.views[1..]).is_none());
+        assert!(ShapeJudge::new(&fixture.pictures[..1], &fixture.views[1..]).is_none());
         assert!(ShapeJudge::new(&[], &fixture.views).is_none());
     }
 }

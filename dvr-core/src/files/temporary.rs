@@ -11,7 +11,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 /// The temporary names of this process.
 static NAMES: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
 
-/// How often a folder is removed that comes back.
+/// How often a folder is removed that does not go.
 const ATTEMPTS: usize = 100;
 
 fn names() -> MutexGuard<'static, BTreeSet<PathBuf>> {
@@ -67,12 +67,13 @@ pub fn remove_temporary_files() {
 fn remove_folder(path: &Path) {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let aside = path.with_file_name(format!(".removed{name}"));
-    // A thread that makes folders of its own may make this one again.
+    // Who had found the folder before it was moved may still put a file there, and who makes folders makes it again.
     for _ in 0..ATTEMPTS {
-        if std::fs::rename(path, &aside).is_err() {
+        let _ = std::fs::rename(path, &aside);
+        let _ = std::fs::remove_dir_all(&aside);
+        if !path.exists() && !aside.exists() {
             break;
         }
-        let _ = std::fs::remove_dir_all(&aside);
     }
 }
 

@@ -123,15 +123,21 @@ pub(crate) struct Likeness {
 }
 
 impl Patch {
-    /// Variance of brightness around a pixel; zero where not all of the patch shows the object.
-    pub fn contrast(view: &TrainingView, [u, v]: [u32; 2], stride: u32) -> f32 {
-        let mut brightness = [0.0; SAMPLES];
-        for (i, brightness) in brightness.iter_mut().enumerate() {
-            let place = sample([u, v], i, stride).and_then(|[u, v]| view.brightness(u, v));
+    /// Variance of brightness around a pixel beyond that of a ramp, which is alike wherever it is carried; zero where
+    /// not all of the patch shows the object.
+    pub fn contrast(view: &TrainingView, [u, v]: [u32; 2]) -> f32 {
+        let (mut sums, mut squares) = ([0.0f32; 3], 0.0);
+        for i in 0..SAMPLES {
+            let place = sample([u, v], i, 1).and_then(|[u, v]| view.brightness(u, v));
             let Some(found) = place else { return 0.0 };
-            *brightness = found;
+            let (du, dv) = ((i % SIDE) as f32 - REACH as f32, (i / SIDE) as f32 - REACH as f32);
+            [found, found * du, found * dv].into_iter().zip(&mut sums).for_each(|(term, sum)| *sum += term);
+            squares += found * found;
         }
-        CenteredPatch::new(brightness).variance
+        // The mean and the two slopes are orthogonal on the patch; these are the squares of their patterns.
+        let across = SIDE as f32 * (0..SIDE).map(|i| (i as f32 - REACH as f32).powi(2)).sum::<f32>();
+        let explained = sums[0] * sums[0] / SAMPLES as f32 + (sums[1] * sums[1] + sums[2] * sums[2]) / across;
+        ((squares - explained) / SAMPLES as f32).max(0.0)
     }
 
     /// The patch around `pixel` of `view`, whose camera is at `origin`, on the plane through `point` with this normal

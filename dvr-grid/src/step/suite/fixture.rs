@@ -33,8 +33,13 @@ fn paint(point: DVec3) -> [f64; 3] {
     ]
 }
 
+/// The same with speckles some pixels large, which only fit where they are.
+fn speckles(point: DVec3) -> [f64; 3] {
+    paint(point).map(|channel| channel + 0.15 * (60.0 * point.x).sin() * (55.0 * point.y + 20.0 * point.z).sin())
+}
+
 /// A photograph of the true ball, with its depth map.
-fn view(eye: DVec3) -> View {
+fn view(eye: DVec3, paint: fn(DVec3) -> [f64; 3]) -> View {
     let camera = Camera::look_at(SIZE, SIZE, 130.0, eye, DVec3::ZERO, DVec3::new(0.1, 1.0, 0.0));
     let (mut image, mut mask) = (RgbImage::new(SIZE, SIZE), GrayImage::new(SIZE, SIZE));
     let mut z_depth = vec![f32::INFINITY; (SIZE * SIZE) as usize];
@@ -68,8 +73,13 @@ pub(crate) struct Fixture {
 }
 
 impl Fixture {
-    fn new(eyes: impl Iterator<Item = DVec3>, config: GridConfig, grids: impl Fn(&[MaskDistance]) -> Grids) -> Self {
-        let views: &'static [View] = eyes.map(view).collect::<Vec<View>>().leak();
+    fn new(
+        eyes: impl Iterator<Item = DVec3>,
+        paint: fn(DVec3) -> [f64; 3],
+        config: GridConfig,
+        grids: impl Fn(&[MaskDistance]) -> Grids,
+    ) -> Self {
+        let views: &'static [View] = eyes.map(|eye| view(eye, paint)).collect::<Vec<View>>().leak();
         let references: Vec<&View> = views.iter().collect();
         let masks: Vec<MaskDistance> = views
             .iter()
@@ -91,6 +101,15 @@ impl Fixture {
     /// A ball of another radius than the true one, before three cameras close to each other; each pixel at and around
     /// the object is drawn once. Everything is active.
     pub fn ball(radius: f32, losses: GridLosses) -> Self {
+        Self::painted_ball(radius, losses, paint)
+    }
+
+    /// The same with speckles.
+    pub fn speckled_ball(radius: f32, losses: GridLosses) -> Self {
+        Self::painted_ball(radius, losses, speckles)
+    }
+
+    fn painted_ball(radius: f32, losses: GridLosses, paint: fn(DVec3) -> [f64; 3]) -> Self {
         let eyes = [DVec3::new(0.0, 0.0, -1.6), DVec3::new(0.3, 0.1, -1.57), DVec3::new(-0.25, 0.2, -1.56)];
         let grids = |_: &[MaskDistance]| {
             let (shape, colors) = (VoxelGrid::new(33, 0.55), VoxelGrid::new(17, 0.55));
@@ -108,7 +127,7 @@ impl Fixture {
             Grids { shape: ShapeGrid::new(active, values, 0), color: ColorGrid::new(colored, color_values, 0) }
         };
         let config = GridConfig { rays: 1, losses, ..GridConfig::new(Supervision::RgbDepth) };
-        let mut fixture = Self::new(eyes.into_iter(), config, grids);
+        let mut fixture = Self::new(eyes.into_iter(), paint, config, grids);
         fixture.config.rays = fixture.order.len();
         fixture
     }
@@ -138,7 +157,7 @@ impl Fixture {
             losses: GridLosses::all_for_tests(),
             ..GridConfig::new(Supervision::RgbDepth)
         };
-        Self::new((0..10).map(eye), config, grids)
+        Self::new((0..10).map(eye), paint, config, grids)
     }
 
     /// What the next step needs to know.
