@@ -10,9 +10,12 @@ use rayon::prelude::*;
 
 use crate::config::GridConfig;
 use crate::losses::GridLosses;
-use crate::step::StepInput;
-use crate::step::cpu::RayContext;
-use crate::step::draw::draw;
+use crate::multires::Grids;
+use crate::occupancy::OccupancyBitmask;
+use crate::pixel_order::PixelOrder;
+use crate::step::draw::{DrawnRay, compared, draw};
+use crate::surface::Surface;
+use crate::views::{PixelRay, TrainingView};
 
 /// Pixels that a measurement asks.
 const PIXELS: u64 = 4096;
@@ -42,14 +45,24 @@ const SMOOTHNESS: f64 = 3.0;
 /// The same for the rays of a step: one that only compares patches says less than one that sees colours.
 const RAYS: f64 = 2.0;
 
-/// How far raw colours count, in `[0, 1]`: by the pixels that would come next. In full where there is little to compare.
-pub(crate) fn color_trust(context: &RayContext, input: &StepInput) -> f64 {
+/// How far raw colours count, in `[0, 1]`: by the pixels that come after `rays_drawn`. In full where there is little to
+/// compare.
+pub(crate) fn color_trust(
+    grids: &Grids,
+    views: &[TrainingView],
+    order: &PixelOrder,
+    config: &GridConfig,
+    rays_drawn: u64,
+) -> f64 {
+    let bitmask = OccupancyBitmask::new(grids.shape.grid(), grids.shape.values());
+    let surface = Surface { grid: grids.shape.grid(), values: grids.shape.values(), bitmask: &bitmask };
     let ask = |count: u64| {
-        let drawn = draw(input.order, input.config.seed, input.rays_drawn + count);
-        let view = &input.views[drawn.view as usize];
-        let pixel = view.pixel_ray(drawn.view, drawn.pixel);
+        let DrawnRay { view, pixel, seed } = draw(order, config.seed, rays_drawn + count);
+        let own = &views[view as usize];
+        let pixel = own.pixel_ray(view, pixel);
+        let others = compared(&own.neighbours, config.compared_views, seed).map(|other| &views[other as usize]);
         // Pixels at the outline are part background.
-        if view.is_interior(pixel.pixel) { context.color_difference(&pixel, drawn.seed) } else { None }
+        if own.is_interior(pixel.pixel) { color_difference(&surface, own, &pixel, others) } else { None }
     };
     let found: Vec<f32> = (0..PIXELS).into_par_iter().filter_map(ask).collect();
     if found.len() < FEWEST {
@@ -58,6 +71,24 @@ pub(crate) fn color_trust(context: &RayContext, input: &StepInput) -> f64 {
     let agreeing = found.iter().filter(|&&difference| difference < AGREES).count();
     let share = agreeing as f64 / found.len() as f64;
     ((share - SHARES[0]) / (SHARES[1] - SHARES[0])).clamp(0.0, 1.0)
+}
+
+/// How far other views differ in colour from a pixel at its hit, summed over the channels: their mean. `None` where
+/// nothing is hit or none sees it.
+fn color_difference<'a>(
+    surface: &Surface,
+    own: &TrainingView,
+    pixel: &PixelRay,
+    others: impl Iterator<Item = &'a TrainingView<'a>>,
+) -> Option<f32> {
+    let (origin, direction) = (own.camera.center, pixel.direction);
+    let at = surface.at(origin + surface.depth(origin, direction)? * direction);
+    let seen = others.filter_map(|view| {
+        view.reproject(at.point, direction).filter(|_| surface.is_seen_by(&at, view)).map(|seen| seen.color)
+    });
+    let (sum, count) =
+        seen.fold((0.0, 0), |(sum, count), color| (sum + (color - pixel.color).abs().element_sum(), count + 1));
+    (count > 0).then(|| sum / count as f32)
 }
 
 impl GridConfig {

@@ -67,16 +67,16 @@ pub struct GridConfig {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Capacity {
-    /// Twice the cells again while validation photographs become more alike through the surface, and cells are larger
+    /// Twice the cells again while the NCC of validation photographs with training photographs gains, and cells are larger
     /// than half the footprint of a pixel; at most `max_cells`. Where these photographs are plain, their PSNR decides.
     Auto {
         /// Cells along an edge up to which growth is never taken back: the PSNR of a few views is too noisy.
         min_cells: usize,
         /// Most cells along an edge.
         max_cells: usize,
-        /// Gain in likeness below which growth is taken back, in standard errors of that gain.
+        /// Gain in NCC score below which growth is taken back, in standard errors of that gain.
         min_gain_errors: f64,
-        /// Gain in PSNR on validation views below which growth is taken back where likeness cannot be judged, dB.
+        /// Gain in PSNR on validation views below which growth is taken back where these photographs are plain, dB.
         min_gain_db: f64,
     },
     /// This many cells along an edge, whatever it brings.

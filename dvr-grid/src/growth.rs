@@ -4,8 +4,8 @@ use dvr_core::{UnitCube, View};
 use serde::{Deserialize, Serialize};
 
 use crate::config::{Capacity, GridConfig};
-use crate::judge::Gain;
 use crate::multires::Grids;
+use crate::validation_ncc::Gain;
 use dvr_render::ViewMetrics;
 
 /// A cell that is smaller than this share of a pixel's footprint cannot show more than the pictures do.
@@ -21,12 +21,12 @@ pub(crate) struct Reached {
     pub validation: Option<ViewMetrics>,
 }
 
-/// What the judge says of a stage.
+/// The shape of a stage, by the NCC of validation photographs.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Judged {
-    /// How alike validation photographs are through the surface; `None` where there is no judge.
-    pub likeness: Option<f64>,
-    /// How much more alike than at the stage before.
+pub(crate) struct NccOfStage {
+    /// Mean score; `None` where these photographs are plain or there are none.
+    pub mean: Option<f64>,
+    /// How much better than at the stage before.
     pub gain: Option<Gain>,
 }
 
@@ -78,11 +78,11 @@ impl Growth {
     }
 
     /// Decides after a stage.
-    pub fn decide(&mut self, config: &GridConfig, now: Reached, judged: Judged) -> Verdict {
-        let (Reached { cells, parameters, bytes, validation }, Judged { likeness, gain }) = (now, judged);
+    pub fn decide(&mut self, config: &GridConfig, now: Reached, ncc: NccOfStage) -> Verdict {
+        let (Reached { cells, parameters, bytes, validation }, NccOfStage { mean, gain }) = (now, ncc);
         let mut metrics =
             validation.map_or(String::new(), |v| format!(", validation {:.2} dB, IoU {:.4}", v.psnr, v.mask_iou));
-        metrics += &likeness.map_or(String::new(), |likeness| format!(", patches alike to {likeness:.4}"));
+        metrics += &mean.map_or(String::new(), |mean| format!(", NCC score {mean:.4}"));
         metrics += &gain.map_or(String::new(), |gain| format!(" ({:+.4} +- {:.4})", gain.mean, gain.error));
         self.notes.push(format!("{cells} cells: {parameters} parameters in training, {bytes} bytes stored{metrics}"));
         let before = self.reached.last().copied();
@@ -103,7 +103,7 @@ impl Growth {
         {
             let too_little = match (gain, before.validation, validation) {
                 (Some(gain), ..) if gain.mean < min_gain_errors * gain.error => {
-                    Some(format!("{:+.4} +- {:.4} of likeness", gain.mean, gain.error))
+                    Some(format!("{:+.4} +- {:.4} of NCC score", gain.mean, gain.error))
                 }
                 (None, Some(old), Some(new)) if new.psnr - old.psnr < min_gain_db => {
                     Some(format!("{:+.2} dB", new.psnr - old.psnr))
@@ -167,24 +167,24 @@ fn median_footprint(train: &[&View]) -> f64 {
 mod tests {
     use super::*;
 
-    /// What is decided after a stage of 128 cells that follows one of 64, when the judge says `gain`, and PSNR `psnr`.
+    /// What is decided after a stage of 128 cells that follows one of 64, with this gain of NCC score and this PSNR.
     fn decided(gain: Option<Gain>, psnr: f64) -> (Verdict, String) {
         let config = GridConfig::default();
         let metrics = |psnr| Some(ViewMetrics { psnr, mask_iou: 1.0, pixels: 1 });
         let reached = |cells, psnr| Reached { cells, parameters: 1, bytes: 1, validation: metrics(psnr) };
         let mut growth =
             Growth { max_cells: 256, stages: 4, reached: vec![reached(64, 20.0)], kept: None, notes: Vec::new() };
-        let verdict = growth.decide(&config, reached(128, psnr), Judged { likeness: Some(0.5), gain });
+        let verdict = growth.decide(&config, reached(128, psnr), NccOfStage { mean: Some(0.5), gain });
         (verdict, growth.notes().join("; "))
     }
 
     #[test]
-    fn the_judge_of_shape_decides_and_psnr_only_where_there_is_none() {
+    fn the_ncc_decides_and_psnr_only_where_there_is_none() {
         let gain = |mean| Some(Gain { mean, error: 0.001 });
         assert_eq!(decided(gain(0.01), 15.0).0, Verdict::Grow, "a worse picture of a better shape");
         let (verdict, said) = decided(gain(0.001), 25.0);
         assert_eq!(verdict, Verdict::TakeBack, "a better picture of no better shape");
-        assert!(said.contains("64 cells are kept: 128 bring +0.0010 +- 0.0010 of likeness"), "{said}");
+        assert!(said.contains("64 cells are kept: 128 bring +0.0010 +- 0.0010 of NCC score"), "{said}");
         assert_eq!(decided(None, 25.0).0, Verdict::Grow);
         assert_eq!(decided(None, 20.01).0, Verdict::TakeBack);
     }

@@ -3,7 +3,7 @@
 //! The field is an occupancy logit and a colour, interpolated between the nodes of two grids. It starts from the visual
 //! hull, with hollows carved where a plane sweep shows them. Rays meet its surface exactly, at the first root of the
 //! cubic that a trilinear cell is along a ray; the gradients of all losses are analytic, and move parameters on nested
-//! grids from coarse to fine. Stages of twice the cells follow while validation views get better.
+//! grids from coarse to fine. Stages of twice the cells follow while the NCC of validation views gains.
 //!
 //! A mesh is rendered from a few sides here, and reconstructed:
 //!
@@ -54,7 +54,6 @@ pub mod field;
 #[cfg(feature = "gpu")]
 mod gpu;
 mod growth;
-mod judge;
 pub mod losses;
 mod memory_estimate;
 mod multires;
@@ -70,6 +69,7 @@ mod step;
 mod stereo;
 mod surface;
 mod trainer;
+mod validation_ncc;
 mod views;
 mod wrong_masks;
 

@@ -7,12 +7,11 @@ use dvr_render::{SlopeRule, ViewMetrics, is_gpu, view_metrics};
 use rayon::prelude::*;
 
 use crate::clock::PartTimes;
-use crate::color_trust;
+use crate::color_trust::{self, color_trust};
 use crate::config::{ColorTrust, GridConfig};
 use crate::error::{Error, Result};
 use crate::field::GridField;
-use crate::growth::{Growth, Judged, Reached, Verdict};
-use crate::judge::{Likeness, ShapeJudge};
+use crate::growth::{Growth, NccOfStage, Reached, Verdict};
 use crate::losses::LossSums;
 use crate::multires::Grids;
 use crate::pixel_order::PixelOrder;
@@ -20,6 +19,7 @@ use crate::refinement::Refinement;
 use crate::report::{StepReport, TrainerState};
 use crate::state;
 use crate::step::{CpuBackend, REPORT_EVERY, StepBackend, StepInput};
+use crate::validation_ncc::{NccScores, ValidationNcc};
 use crate::views::{TrainingView, mean_object_color};
 use crate::wrong_masks::leave_out_wrong_masks;
 
@@ -34,7 +34,7 @@ pub struct GridTrainer<'a> {
     /// How far raw colours may shape the surface.
     color_trust: f64,
     validation: Vec<&'a View>,
-    judge: Option<ShapeJudge<'a>>,
+    validation_ncc: Option<ValidationNcc<'a>>,
     packed: Vec<TrainingView<'a>>,
     refinement: Refinement,
     order: PixelOrder,
@@ -97,7 +97,7 @@ impl<'a> GridTrainer<'a> {
         }
         let growth = Growth::plan(&config, &train);
         Ok(Self {
-            judge: ShapeJudge::new(&validation, &packed),
+            validation_ncc: ValidationNcc::new(&validation, &packed),
             weighted: config.clone(),
             color_trust: 1.0,
             config,
@@ -193,18 +193,8 @@ impl<'a> GridTrainer<'a> {
             && self.step > 0
             && within.is_multiple_of(color_trust::EVERY)
         {
-            let mut unused = PartTimes::default();
-            let trust = self.backend.color_trust(&StepInput {
-                config: &self.weighted,
-                views: &self.packed,
-                order: &self.order,
-                rays_drawn: self.rays_drawn,
-                mean_color: self.refinement.mean_color,
-                decay: 1.0,
-                slope_rule: SlopeRule::default(),
-                is_reported: false,
-                times: &mut unused,
-            })?;
+            let grids = self.backend.grids()?;
+            let trust = color_trust(&grids, &self.packed, &self.order, &self.config, self.rays_drawn);
             self.trust_colors(trust);
         }
         let decay = self.decay();
@@ -242,20 +232,20 @@ impl<'a> GridTrainer<'a> {
     /// Ends a stage: keeps its result or takes it back, and grows or ends.
     fn end_stage(&mut self) -> Result<()> {
         let grids = self.backend.grids()?;
-        let judge = |grids: &Grids| self.judge.as_ref().map(|judge| judge.likeness(&self.packed, grids));
-        let (now, before) = (judge(&grids), self.growth.history().1.and_then(judge));
+        let scores = |grids: &Grids| self.validation_ncc.as_ref().map(|ncc| ncc.scores(&self.packed, grids));
+        let (now, before) = (scores(&grids), self.growth.history().1.and_then(scores));
         let reached = Reached {
             cells: grids.cells(),
             parameters: grids.parameters(),
             bytes: grids.field_bytes()?.len(),
             validation: view_metrics(&grids.field(), &self.validation, GROWTH_PIXELS),
         };
-        let judged = Judged {
-            likeness: now.as_ref().map(Likeness::mean),
+        let ncc = NccOfStage {
+            mean: now.as_ref().map(NccScores::mean),
             gain: now.zip(before).map(|(now, before)| now.gain_over(&before)),
         };
         self.cancellation.check()?;
-        match self.growth.decide(&self.config, reached, judged) {
+        match self.growth.decide(&self.config, reached, ncc) {
             Verdict::Grow => {
                 let next = self.refinement.refined(&grids, &self.config);
                 let next = next.inspect_err(|_| self.growth.undecide())?;

@@ -70,12 +70,6 @@ pub(crate) trait StepBackend: Send {
     /// When the device fails.
     fn step(&mut self, input: StepInput) -> Result<Option<LossSums>>;
 
-    /// How far raw colours may shape the surface now; see [`crate::color_trust`].
-    ///
-    /// # Errors
-    /// When the device fails.
-    fn color_trust(&self, input: &StepInput) -> Result<f64>;
-
     /// The grids as the steps so far have left them; fetched where a device keeps them.
     ///
     /// # Errors

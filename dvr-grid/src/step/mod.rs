@@ -6,7 +6,7 @@
 //! [`StepBackend`]s and pass the tests of `suite`.
 
 mod backend;
-pub(crate) mod cpu;
+mod cpu;
 pub(crate) mod draw;
 #[cfg(feature = "gpu")]
 mod gpu;

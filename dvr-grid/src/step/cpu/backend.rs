@@ -10,7 +10,6 @@ use super::rays::{RayContext, RayGradient};
 use crate::active::ActiveNodes;
 use crate::clock::Part;
 use crate::color;
-use crate::color_trust::color_trust;
 use crate::error::Result;
 use crate::losses::LossSums;
 use crate::losses::smoothness::LaplacianSmoothness;
@@ -115,10 +114,6 @@ impl StepBackend for CpuBackend {
     fn step(&mut self, input: StepInput) -> Result<Option<LossSums>> {
         // In the pool as a whole: entering it costs more than many of the loops inside.
         Ok(Some(rayon::scope(|_| self.carry_out(input))))
-    }
-
-    fn color_trust(&self, input: &StepInput) -> Result<f64> {
-        Ok(color_trust(&self.context(input), input))
     }
 
     fn grids(&self) -> Result<Cow<'_, Grids>> {

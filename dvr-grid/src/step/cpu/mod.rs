@@ -5,4 +5,3 @@ mod gather;
 mod rays;
 
 pub(crate) use backend::CpuBackend;
-pub(crate) use rays::RayContext;

@@ -83,20 +83,6 @@ impl<'a> RayContext<'a> {
         RayGradient { shape_cell: at.cell, color_cell, grad_value: -found.grad_depth * inverse_slope, grad_color }
     }
 
-    /// How far other views differ in colour from an object pixel at its hit, summed over the channels: their mean.
-    /// `None` where nothing is hit or none sees it.
-    pub fn color_difference(&self, pixel: &PixelRay, seed: u64) -> Option<f32> {
-        let origin = self.views[pixel.view as usize].camera.center;
-        let direction = pixel.direction;
-        let depth = self.surface.depth(origin, direction).filter(|_| pixel.object)?;
-        let at = self.surface.at(origin + depth * direction);
-        let own = &self.views[pixel.view as usize];
-        let (sum, count) = (self.comparisons(own, &at, direction, seed))
-            .map(|other| (other.seen.color - pixel.color).abs().element_sum())
-            .fold((0.0, 0), |(sum, count), difference| (sum + difference, count + 1));
-        (count > 0).then(|| sum / count as f32)
-    }
-
     /// The other views of a hit that face its surface and see it.
     fn comparisons(
         &self,

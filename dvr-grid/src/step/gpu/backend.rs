@@ -17,7 +17,6 @@ use crate::gpu::launch::NONE;
 use crate::losses::LossSums;
 use crate::multires::Grids;
 use crate::step::backend::{REPORT_EVERY, StepBackend, StepInput};
-use crate::step::cpu::CpuBackend;
 use crate::step::draw::{compared, draw};
 use crate::views::TrainingView;
 
@@ -95,10 +94,6 @@ impl StepBackend for GpuBackend {
         // The device does not tell its parts apart.
         input.times.lap(Part::Rays, &mut start);
         Ok(sums)
-    }
-
-    fn color_trust(&self, input: &StepInput) -> Result<f64> {
-        CpuBackend::new(self.grids()?.into_owned()).color_trust(input)
     }
 
     fn grids(&self) -> Result<Cow<'_, Grids>> {

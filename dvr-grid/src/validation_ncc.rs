@@ -1,4 +1,4 @@
-//! A judge of shape during a run: do photographs that are not trained on look alike through the surface?
+//! The NCC of validation photographs with training photographs through the surface: what judges its shape during a run.
 //!
 //! PSNR is no such judge: where colour cannot depend on the view, dents explain highlights, and the worse shape gives the
 //! better picture. So textured pixels of validation photographs are carried by the surface into
@@ -8,7 +8,6 @@
 
 use dvr_core::View;
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
 
 use crate::losses::patch_ncc::Patch;
 use crate::multires::Grids;
@@ -16,10 +15,10 @@ use crate::occupancy::OccupancyBitmask;
 use crate::surface::Surface;
 use crate::views::TrainingView;
 
-/// Pixels that judge, at most, of all validation photographs together.
+/// Pixels that are scored, at most, of all validation photographs together.
 const PIXELS: usize = 6000;
 
-/// With fewer, nothing is judged: the photographs are plain.
+/// With fewer, nothing is scored: the photographs are plain.
 const FEWEST: usize = 100;
 
 /// Variance of a patch's brightness, beyond that of a ramp, from which on it is textured: a contrast of .014, above the
@@ -39,25 +38,25 @@ const FEWEST_SEEING: usize = 2;
 const HALF: f32 = 0.1;
 
 /// Pixels of validation photographs, by which surfaces are compared.
-pub(crate) struct ShapeJudge<'a> {
+pub(crate) struct ValidationNcc<'a> {
     views: Vec<TrainingView<'a>>,
     /// View, column and row.
     pixels: Vec<(usize, [u32; 2])>,
 }
 
-/// How well a surface explains the judge's pixels: each in `[0, 1]`.
+/// How alike photographs are through a surface, pixel by pixel, in `[0, 1]`.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Likeness(Vec<f32>);
+pub(crate) struct NccScores(Vec<f32>);
 
 /// How much better one surface is than another.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Gain {
     pub mean: f64,
     /// Standard error of the mean, by pixels that are taken for independent.
     pub error: f64,
 }
 
-impl<'a> ShapeJudge<'a> {
+impl<'a> ValidationNcc<'a> {
     /// `None` where the validation photographs have too little texture, or there are none.
     pub fn new(validation: &[&'a View], training: &[TrainingView]) -> Option<Self> {
         let views: Vec<TrainingView> =
@@ -76,18 +75,18 @@ impl<'a> ShapeJudge<'a> {
         (pixels.len() >= FEWEST).then_some(Self { views, pixels })
     }
 
-    /// Judges a surface.
-    pub fn likeness(&self, training: &[TrainingView], grids: &Grids) -> Likeness {
+    /// The scores of a surface.
+    pub fn scores(&self, training: &[TrainingView], grids: &Grids) -> NccScores {
         let (grid, values) = (grids.shape.grid(), grids.shape.values());
         let bitmask = OccupancyBitmask::new(grid, values);
         let surface = Surface { grid, values, bitmask: &bitmask };
         let pixels = self.pixels.par_iter();
-        Likeness(pixels.map(|&(view, pixel)| likeness(&surface, &self.views[view], pixel, training)).collect())
+        NccScores(pixels.map(|&(view, pixel)| score(&surface, &self.views[view], pixel, training)).collect())
     }
 }
 
 /// How alike a pixel's surroundings are in the photographs that see its point.
-fn likeness(surface: &Surface, view: &TrainingView, [u, v]: [u32; 2], training: &[TrainingView]) -> f32 {
+fn score(surface: &Surface, view: &TrainingView, [u, v]: [u32; 2], training: &[TrainingView]) -> f32 {
     let (origin, direction) = (view.camera.center, view.direction(u, v));
     let Some(depth) = surface.depth(origin, direction) else { return 0.0 };
     let at = surface.at(origin + depth * direction);
@@ -100,10 +99,10 @@ fn likeness(surface: &Surface, view: &TrainingView, [u, v]: [u32; 2], training: 
     sum / count.max(FEWEST_SEEING) as f32
 }
 
-impl Likeness {
+impl NccScores {
     /// Of all pixels.
     pub fn mean(&self) -> f64 {
-        self.0.iter().map(|&alike| f64::from(alike)).sum::<f64>() / self.0.len() as f64
+        self.0.iter().map(|&score| f64::from(score)).sum::<f64>() / self.0.len() as f64
     }
 
     /// How much better this is than `other`, pixel by pixel.
@@ -124,34 +123,34 @@ mod tests {
 
     /// What the first photograph of a speckled ball of radius .3 says of a ball of another radius, with the others to
     /// compare with.
-    fn judged(radius: f32) -> Likeness {
+    fn scored(radius: f32) -> NccScores {
         let fixture = Fixture::speckled_ball(radius, GridLosses::default());
         let training = TrainingView::pack(&fixture.pictures[1..], 2);
-        let judge = ShapeJudge::new(&fixture.pictures[..1], &training).expect("speckles are textured");
-        judge.likeness(&training, &fixture.grids)
+        let ncc = ValidationNcc::new(&fixture.pictures[..1], &training).expect("speckles are textured");
+        ncc.scores(&training, &fixture.grids)
     }
 
     #[test]
     fn the_true_surface_is_liked_best_and_by_more_than_noise() {
-        let truth = judged(0.3);
+        let truth = scored(0.3);
         assert!(truth.mean() > 0.5, "{}", truth.mean());
         for radius in [0.28, 0.295, 0.305, 0.32] {
-            let Gain { mean, error } = truth.gain_over(&judged(radius));
+            let Gain { mean, error } = truth.gain_over(&scored(radius));
             assert!(mean > 5.0 * error && error > 0.0, "{radius}: {mean} +- {error}");
         }
     }
 
     #[test]
     fn a_missing_surface_is_not_alike_at_all() {
-        let small = judged(0.1);
-        let missed = small.0.iter().filter(|&&alike| alike == 0.0).count();
+        let small = scored(0.1);
+        let missed = small.0.iter().filter(|&&score| score == 0.0).count();
         assert!(2 * missed > small.0.len(), "{missed} of {}", small.0.len());
     }
 
     #[test]
     fn ramps_of_brightness_do_not_judge() {
         let fixture = Fixture::ball(0.3, GridLosses::default());
-        assert!(ShapeJudge::new(&fixture.pictures[..1], &fixture.views[1..]).is_none());
-        assert!(ShapeJudge::new(&[], &fixture.views).is_none());
+        assert!(ValidationNcc::new(&fixture.pictures[..1], &fixture.views[1..]).is_none());
+        assert!(ValidationNcc::new(&[], &fixture.views).is_none());
     }
 }
