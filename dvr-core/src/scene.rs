@@ -6,6 +6,7 @@ use glam::{DVec2, DVec3};
 
 use crate::camera::{Camera, Similarity};
 use crate::error::{Error, Result};
+use crate::exposure::Exposure;
 use crate::pixels::Picture;
 use crate::points::{OccupancySamples, PointCloud};
 use crate::raster::{DepthMap, Mask};
@@ -54,6 +55,9 @@ pub struct View {
     pub depth: Option<DepthMap>,
     /// What the view is for.
     pub split: Split,
+    /// What takes its colours to the mean exposure of the scene: nothing, unless a run found that the light changes.
+    /// `None` where it does and nobody knows how this view was exposed, as of views that are not trained on.
+    pub exposure: Option<Exposure>,
 }
 
 impl View {
@@ -68,6 +72,7 @@ impl View {
             mask_source: MaskSource::File,
             depth: None,
             split: Split::Train,
+            exposure: Some(Exposure::default()),
         }
     }
 

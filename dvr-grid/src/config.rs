@@ -56,6 +56,8 @@ pub struct GridConfig {
     pub stereo_cells: usize,
     /// How far raw colours may shape the surface.
     pub trusts_colors: ColorTrust,
+    /// Whether photographs may differ in exposure and white balance.
+    pub exposure: ExposureCorrection,
     /// Views that may be wrong about the hull.
     pub disagreeing_views: DisagreeingViews,
     /// One view of this many is for testing, and one of twice as many for validation, where the dataset does not say
@@ -91,6 +93,16 @@ pub enum ColorTrust {
     Measured,
     /// In full.
     Full,
+}
+
+/// Whether photographs may differ in exposure and white balance.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ExposureCorrection {
+    /// Where factors of the light make views agree, they are solved for and corrected.
+    Auto,
+    /// They do not: colours are taken as they are.
+    Off,
 }
 
 /// How many masks may be wrong at a point.
@@ -160,6 +172,7 @@ impl GridConfig {
             plane_sweep_pixels: 15_000,
             stereo_cells: 128,
             trusts_colors: ColorTrust::Measured,
+            exposure: ExposureCorrection::Auto,
             disagreeing_views: DisagreeingViews::Auto,
             hold_out_every: HOLD_OUT_EVERY,
         }

@@ -50,6 +50,7 @@ mod constants;
 mod cubic;
 mod error;
 mod exact;
+mod exposure;
 pub mod field;
 #[cfg(feature = "gpu")]
 mod gpu;
@@ -75,7 +76,7 @@ mod wrong_masks;
 
 pub use active::ActiveNodes;
 pub use clock::{Part, PartTimes};
-pub use config::{Capacity, ColorTrust, DisagreeingViews, GridConfig};
+pub use config::{Capacity, ColorTrust, DisagreeingViews, ExposureCorrection, GridConfig};
 pub use error::{Error, Result};
 #[cfg(feature = "gpu")]
 pub use field::GpuGridField;

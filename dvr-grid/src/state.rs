@@ -2,6 +2,7 @@
 
 use std::collections::HashMap;
 
+use dvr_core::Exposure;
 use safetensors::tensor::{Dtype, TensorView};
 use safetensors::{SafeTensors, serialize};
 use serde::{Deserialize, Serialize};
@@ -25,6 +26,9 @@ pub(crate) struct Progress {
     pub rays_drawn: u64,
     /// How far raw colours count, as the bits of a number.
     pub color_trust: u64,
+    /// The exposure of each training view; empty where all are as they are.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub exposures: Vec<Exposure>,
 }
 
 fn broken(problem: impl std::fmt::Display) -> Error {

@@ -1,15 +1,18 @@
 //! The trainer of the grid method: steps, stages, checkpoints.
 
+use std::collections::BTreeMap;
+
 use burn::tensor::Device;
 use dvr_core::hull::MaskDistance;
-use dvr_core::{Cancellation, Cancelled, UnitCube, View, require_masks};
-use dvr_render::{SlopeRule, ViewMetrics, is_gpu, view_metrics};
+use dvr_core::{Cancellation, Cancelled, Exposure, UnitCube, View, require_masks};
+use dvr_render::{SlopeRule, ViewMetrics, is_gpu, view_metrics, view_metrics_at_own_exposure};
 use rayon::prelude::*;
 
 use crate::clock::PartTimes;
 use crate::color_trust::{self, color_trust};
-use crate::config::{ColorTrust, GridConfig};
+use crate::config::{ColorTrust, ExposureCorrection, GridConfig};
 use crate::error::{Error, Result};
+use crate::exposure;
 use crate::field::GridField;
 use crate::growth::{Growth, NccOfStage, Reached, Verdict};
 use crate::losses::LossSums;
@@ -36,6 +39,10 @@ pub struct GridTrainer<'a> {
     validation: Vec<&'a View>,
     validation_ncc: Option<ValidationNcc<'a>>,
     packed: Vec<TrainingView<'a>>,
+    /// Names of the views that are learned from.
+    names: Vec<String>,
+    /// What they are corrected by; empty where they are taken as they are.
+    exposures: Vec<Exposure>,
     refinement: Refinement,
     order: PixelOrder,
     /// Owns the grids.
@@ -103,6 +110,8 @@ impl<'a> GridTrainer<'a> {
             config,
             validation,
             packed,
+            names: train.iter().map(|view| view.name.clone()).collect(),
+            exposures: Vec::new(),
             refinement,
             order,
             backend: Box::new(CpuBackend::new(grids)),
@@ -189,6 +198,9 @@ impl<'a> GridTrainer<'a> {
     fn carry_out(&mut self) -> Result<StepReport> {
         let is_last = self.step + 1 == self.end_of_stage();
         let within = self.step - self.stage * self.config.steps;
+        if self.config.exposure == ExposureCorrection::Auto && (within == 0 || self.step == exposure::EARLY) {
+            self.solve_exposures()?;
+        }
         if self.config.trusts_colors == ColorTrust::Measured
             && self.step > 0
             && within.is_multiple_of(color_trust::EVERY)
@@ -223,6 +235,43 @@ impl<'a> GridTrainer<'a> {
         self.weighted = self.config.trusting_colors(trust);
     }
 
+    /// Solves for the exposures of the photographs and corrects them, where that makes views agree.
+    fn solve_exposures(&mut self) -> Result<()> {
+        let grids = self.backend.grids()?;
+        let solved = exposure::solve(&grids, &self.packed, &self.order, &self.config, self.rays_drawn);
+        let believed = solved.filter(|solved| solved.check.is_passed());
+        let was_corrected = !self.exposures.is_empty();
+        match &believed {
+            Some(solved) if !was_corrected => self.notes.push(solved.note()),
+            None if was_corrected => self.notes.push("exposures are no longer corrected".to_owned()),
+            _ => {}
+        }
+        if believed.is_some() || was_corrected {
+            self.expose(believed.map_or(Vec::new(), |solved| solved.exposures))?;
+        }
+        Ok(())
+    }
+
+    /// Reads the photographs at these exposures; as they are where there are none.
+    fn expose(&mut self, exposures: Vec<Exposure>) -> Result<()> {
+        for (i, view) in self.packed.iter_mut().enumerate() {
+            view.exposure = exposures.get(i).copied().unwrap_or_default();
+        }
+        self.exposures = exposures;
+        self.backend.expose(&self.packed)
+    }
+
+    /// The exposures that photographs are corrected by, with their names: none where all are taken as they are.
+    pub fn exposures(&self) -> BTreeMap<String, Exposure> {
+        self.names.iter().cloned().zip(self.exposures.iter().copied()).collect()
+    }
+
+    /// Metrics on about this many pixels of the validation views: at their own exposure where light changes.
+    fn validated(&self, field: &GridField, pixels: usize) -> Option<ViewMetrics> {
+        let metrics = if self.exposures.is_empty() { view_metrics } else { view_metrics_at_own_exposure };
+        metrics(field, &self.validation, pixels)
+    }
+
     /// Factor of the step sizes: falls exponentially to `final_rate` in each stage.
     fn decay(&self) -> f64 {
         let within = self.step - self.stage * self.config.steps;
@@ -238,7 +287,7 @@ impl<'a> GridTrainer<'a> {
             cells: grids.cells(),
             parameters: grids.parameters(),
             bytes: grids.field_bytes()?.len(),
-            validation: view_metrics(&grids.field(), &self.validation, GROWTH_PIXELS),
+            validation: self.validated(&grids.field(), GROWTH_PIXELS),
         };
         let ncc = NccOfStage {
             mean: now.as_ref().map(NccScores::mean),
@@ -277,7 +326,7 @@ impl<'a> GridTrainer<'a> {
 
     /// Metrics on about this many pixels of the validation views; `None` where there are none.
     pub fn validate(&self, pixels: usize) -> Option<ViewMetrics> {
-        view_metrics(&self.field().ok()?, &self.validation, pixels)
+        self.validated(&self.field().ok()?, pixels)
     }
 
     /// Enough to go on later.
@@ -295,6 +344,7 @@ impl<'a> GridTrainer<'a> {
             finished: self.finished,
             rays_drawn: self.rays_drawn,
             color_trust: self.color_trust.to_bits(),
+            exposures: self.exposures.clone(),
         };
         let training = state::to_bytes(&progress, &grids, kept)?;
         Ok(TrainerState { model: grids.field_bytes()?, training })
@@ -307,6 +357,10 @@ impl<'a> GridTrainer<'a> {
     pub fn resume(&mut self, state: &TrainerState, steps: usize) -> Result<()> {
         let progress = state::progress(&state.training)?;
         let (mut grids, mut kept) = (self.backend.grids()?.into_owned(), None);
+        let fits = progress.exposures.is_empty() || progress.exposures.len() == self.packed.len();
+        if !fits || !progress.exposures.iter().all(|exposure| exposure.is_sound()) {
+            return Err(state::misfit());
+        }
         // Before any grid is made: cells are memory by their cube.
         if progress.cells > self.config.last_cells().max(grids.cells()) {
             return Err(state::misfit());
@@ -333,6 +387,7 @@ impl<'a> GridTrainer<'a> {
         }
         self.stage = progress.stage;
         self.trust_colors(f64::from_bits(progress.color_trust));
+        self.expose(progress.exposures)?;
         self.growth.resume(progress.reached, kept);
         (self.finished, self.rays_drawn, self.step) = (progress.finished, progress.rays_drawn, steps);
         self.backend.upload(grids)?;

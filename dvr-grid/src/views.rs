@@ -1,11 +1,11 @@
 //! Photographs as the trainer reads them: projections in f32, neighbours, and the pixels where they are.
 
-use dvr_core::{Bilinear, Mask, View};
+use dvr_core::{Bilinear, Exposure, Mask, View};
 use glam::{Vec2, Vec3};
 
 use crate::pinhole::Pinhole;
 
-/// One training view. Its pixels are the scene's own.
+/// One training view. Its pixels are the scene's own; their colours are read at the mean exposure of the views.
 #[derive(Clone, Debug)]
 pub(crate) struct TrainingView<'a> {
     pub camera: Pinhole,
@@ -17,6 +17,8 @@ pub(crate) struct TrainingView<'a> {
     mask: Option<&'a Mask>,
     /// Measured z-depth; empty without.
     z_depth: &'a [f32],
+    /// What takes its colours to the mean exposure.
+    pub exposure: Exposure,
     /// Views that look at the object from close by, nearest first.
     pub neighbours: Vec<u32>,
 }
@@ -86,8 +88,14 @@ impl<'a> TrainingView<'a> {
             colors: view.image.as_raw().as_chunks().0,
             mask: view.training_mask(),
             z_depth: view.depth.as_ref().map_or(&[], |depth| &depth.z_depth),
+            exposure: Exposure::default(),
             neighbours: Vec::new(),
         }
+    }
+
+    /// A pixel's colour, by its index in the image.
+    fn color(&self, index: usize) -> Vec3 {
+        self.exposure.corrected(color(self.colors[index]))
     }
 
     /// Whether a pixel shows the object.
@@ -108,7 +116,7 @@ impl<'a> TrainingView<'a> {
             view,
             pixel: [u, v],
             direction: self.direction(u, v),
-            color: color(self.colors[index as usize]),
+            color: self.color(index as usize),
             object: self.is_object(u, v),
             z_depth: self.z_depth.get(index as usize).copied().unwrap_or(f32::NAN),
         }
@@ -135,6 +143,8 @@ impl<'a> TrainingView<'a> {
             width: self.width,
             height: self.height,
             first_pixel: 0,
+            scale: self.exposure.scale().to_array(),
+            shift: self.exposure.offset().to_array(),
         }
     }
 
@@ -159,14 +169,14 @@ impl<'a> TrainingView<'a> {
         if u >= self.width || v >= self.height || !self.is_object(u, v) {
             return None;
         }
-        let [r, g, b] = self.colors[(v * self.width + u) as usize].map(f32::from);
-        Some((r + g + b) / (3.0 * 255.0))
+        let levels = Vec3::from(self.colors[(v * self.width + u) as usize].map(f32::from));
+        Some(self.exposure.scale().dot(levels) / (3.0 * 255.0) + self.exposure.offset().element_sum() / 3.0)
     }
 
     /// Colour of a pixel; `None` out of the frame and off the object.
     pub fn object_color(&self, u: u32, v: u32) -> Option<Vec3> {
         let is_object = u < self.width && v < self.height && self.is_object(u, v);
-        is_object.then(|| color(self.colors[(v * self.width + u) as usize]))
+        is_object.then(|| self.color((v * self.width + u) as usize))
     }
 
     /// The colour at the projection of a point, and its derivative as the point moves along `direction`; `None` where
@@ -180,7 +190,7 @@ impl<'a> TrainingView<'a> {
         if !at.pixels.iter().all(|&(u, v)| self.is_object(u, v)) {
             return None;
         }
-        let colors = at.pixels.map(|(u, v)| color(self.colors[(v * self.width + u) as usize]));
+        let colors = at.pixels.map(|(u, v)| self.color((v * self.width + u) as usize));
         let [by_x, by_y] = at.derivatives(colors);
         let moved = self.camera.projection * direction;
         let flow = (Vec2::new(moved.x, moved.y) - pixel * moved.z) / z;

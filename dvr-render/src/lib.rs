@@ -71,4 +71,4 @@ pub use skip::SkipGrid;
 pub use slope_rule::{SlopeRule, dot};
 pub use surface::Surface;
 pub use view::{Rendering, render_view, rendering_bytes};
-pub use view_metrics::{ViewMetrics, view_metrics};
+pub use view_metrics::{ViewMetrics, view_metrics, view_metrics_at_own_exposure};

@@ -6,7 +6,7 @@ use anyhow::{Context, Result, bail};
 use burn::tensor::Device;
 use dvr_core::dataset::Normalise;
 use dvr_core::files::{OutputFolder, check_file};
-use dvr_core::{Cancellation, Scene};
+use dvr_core::{Cancellation, Exposure, Scene};
 use dvr_train::{Checkpoint, RefinedCameras, RunFolder, TrainedModel, load_object};
 
 use super::scene_reading::SceneReading;
@@ -76,5 +76,6 @@ pub fn scene_of_run(
     let (mut scene, ..) =
         reading.read(path, divide, cancellation).with_context(|| format!("the run's scene, {}", path.display()))?;
     RefinedCameras::apply(&header.cameras, &mut scene);
+    Exposure::apply(&header.exposures, &mut scene);
     Ok(scene)
 }

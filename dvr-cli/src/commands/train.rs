@@ -153,6 +153,12 @@ fn report(metrics: &RunMetrics, folder: &RunFolder, cpu_seconds: f64) {
             println!("{what}: PSNR {psnr:.2} dB, silhouette IoU {mask_iou:.3} ({pixels} pixels)");
         }
     }
+    if let Some([low, high]) = metrics.exposure_stops {
+        println!(
+            "exposure: {low:+.2} to {high:+.2} stops, corrected; half of each test and validation view tells its own, \
+             PSNR is that of the other half"
+        );
+    }
     print_shape(&metrics.shape);
     if let Some(points) = &metrics.points {
         print_points(points);

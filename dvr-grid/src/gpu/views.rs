@@ -25,6 +25,10 @@ pub(crate) struct ViewRecord {
     pub height: u32,
     /// Where its pixels begin in the table of pixels.
     pub first_pixel: u32,
+    /// To the mean exposure: what colours are multiplied by, and what is added then.
+    pub scale: [f32; 3],
+    /// See `scale`.
+    pub shift: [f32; 3],
 }
 
 /// Words of a view.
@@ -78,7 +82,7 @@ pub(crate) fn is_object(pixel: u32) -> bool {
 }
 
 #[cube]
-pub(crate) fn color(pixel: u32) -> Point {
+fn color(pixel: u32) -> Point {
     let red = f32::cast_from(pixel & 255u32);
     let green = f32::cast_from((pixel >> 8u32) & 255u32);
     let blue = f32::cast_from((pixel >> 16u32) & 255u32);
@@ -101,6 +105,17 @@ impl Photo {
     /// Where a pixel lies in the table of pixels.
     pub fn index(&self, u: u32, v: u32) -> usize {
         (self.first + v * self.width + u) as usize
+    }
+
+    /// A pixel's colour at the mean exposure.
+    pub fn color(&self, views: &[u32], pixel: u32) -> Point {
+        self.scaled(views, &color(pixel)).plus(&vector(views, self.at + comptime!(offset_of!(ViewRecord, shift) / 4)))
+    }
+
+    /// Times the factors of the exposure.
+    fn scaled(&self, views: &[u32], color: &Point) -> Point {
+        let scale = vector(views, self.at + comptime!(offset_of!(ViewRecord, scale) / 4));
+        Point::new(scale.x * color.x, scale.y * color.y, scale.z * color.z)
     }
 
     /// The colour at the projection of a point, and its derivative as the point moves along `direction`.
@@ -132,10 +147,12 @@ impl Photo {
         let moved = transformed(views, projection, direction);
         let flow_x = (moved.x - px * moved.z) / q.z;
         let flow_y = (moved.y - py * moved.z) / q.z;
+        let between = Point::new(lerp(top.x, bottom.x, t), lerp(top.y, bottom.y, t), lerp(top.z, bottom.z, t));
+        let shift = vector(views, self.at + comptime!(offset_of!(ViewRecord, shift) / 4));
         Seen {
             is_object: within && all,
-            color: Point::new(lerp(top.x, bottom.x, t), lerp(top.y, bottom.y, t), lerp(top.z, bottom.z, t)),
-            derivative: by_x.times(flow_x).plus(&by_y.times(flow_y)),
+            color: self.scaled(views, &between).plus(&shift),
+            derivative: self.scaled(views, &by_x.times(flow_x).plus(&by_y.times(flow_y))),
         }
     }
 }

@@ -202,7 +202,7 @@ pub(crate) mod gpu {
 
     use super::super::term::gpu::{PixelRay, SurfaceHit};
     use super::{MAX_STRETCH, NOISE, PatchNccLoss, REACH, SAMPLES, SIDE};
-    use crate::gpu::views::{Photo, Seen, color, is_object};
+    use crate::gpu::views::{Photo, Seen, is_object};
     use crate::gpu::voxel::Point;
 
     #[derive(CubeLaunch, CubeType, Clone, Copy)]
@@ -262,7 +262,7 @@ pub(crate) mod gpu {
             let x = select(within, column - reach, pixel.u);
             let y = select(within, row - reach, pixel.v);
             let shown = pixels[own.index(x, y)];
-            brightness[i] = color(shown).sum() / 3.0f32;
+            brightness[i] = own.color(views, shown).sum() / 3.0f32;
             let stretch = height / normal.dot(&own.direction(views, x, y)) / depth;
             let is_near = stretch < MAX_STRETCH && stretch * MAX_STRETCH > 1.0f32;
             is_whole = is_whole && within && is_object(shown) && is_near;

@@ -63,6 +63,12 @@ pub(crate) trait StepBackend: Send {
     /// When there is no room for them.
     fn upload(&mut self, grids: Grids) -> Result<()>;
 
+    /// Takes up views that are exposed otherwise than before, or than those it was made with.
+    ///
+    /// # Errors
+    /// When the device fails.
+    fn expose(&mut self, views: &[TrainingView]) -> Result<()>;
+
     /// One step: rays to ray gradients, ray gradients to gradients at nodes, these to parameters. `None` where nobody
     /// asked for the losses and they are not at hand.
     ///

@@ -79,23 +79,64 @@ fn a_state_of_more_cells_than_its_configuration_allows_is_refused_before_they_ar
     trainer.resume(&sound, 0).unwrap();
 }
 
-/// Trust in colours after some steps on views whose brightness is multiplied by what `gain` says.
-fn trust(gain: impl Fn(usize) -> f32) -> f64 {
-    let folder = tempfile::tempdir().unwrap();
-    let mut scene = scene(folder.path());
+/// The same scene with the brightness of each view multiplied by what `gain` says.
+fn exposed(folder: &Path, gain: impl Fn(usize) -> f32) -> dvr_core::Scene {
+    let mut scene = scene(folder);
     for (i, view) in scene.views.iter_mut().enumerate() {
         let scaled = view.image.pixels().flat_map(|pixel| pixel.0.map(|value| (f32::from(value) * gain(i)) as u8));
         let (width, height) = view.image.dimensions();
         view.image = dvr_core::stored(image::RgbImage::from_raw(width, height, scaled.collect()).unwrap());
     }
-    let config = GridConfig { steps: 101, ..GridConfig::default() };
+    scene
+}
+
+/// Half of the views darker.
+fn alternating(view: usize) -> f32 {
+    if view.is_multiple_of(2) { 1.0 } else { 0.6 }
+}
+
+/// Trust in colours after some steps, and the exposures found.
+fn trust(gain: impl Fn(usize) -> f32, exposure: ExposureCorrection) -> (f64, Vec<Exposure>) {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = exposed(folder.path(), gain);
+    let config = GridConfig { steps: 151, exposure, ..GridConfig::default() };
     let mut trainer = GridTrainer::new(scene.views.iter().collect(), Vec::new(), config).unwrap();
-    (0..101).for_each(|_| drop(trainer.step().unwrap()));
-    trainer.color_trust
+    (0..151).for_each(|_| drop(trainer.step().unwrap()));
+    (trainer.color_trust, trainer.exposures)
 }
 
 #[test]
 fn colours_shape_the_surface_where_views_agree_on_them_and_not_where_exposure_changes() {
-    assert_eq!(trust(|_| 1.0), 1.0);
-    assert_eq!(trust(|view| if view % 2 == 0 { 1.0 } else { 0.6 }), 0.0);
+    use ExposureCorrection::{Auto, Off};
+    assert_eq!(trust(|_| 1.0, Auto), (1.0, Vec::new()));
+    assert_eq!(trust(alternating, Off), (0.0, Vec::new()));
+    let (trusted, exposures) = trust(alternating, Auto);
+    assert!(trusted > 0.5, "corrected colours agree: {trusted}");
+    let stops = |view: usize| Exposure::stops(exposures[view].logs()[1]);
+    // A factor of .6 of sRGB is one of the light above the toe only: 1.3 stops at .2, 1.7 at .8.
+    let apart = stops(1) - stops(0);
+    assert!((1.2..1.8).contains(&apart), "{apart}");
+}
+
+#[test]
+fn a_run_whose_exposures_are_corrected_goes_on_as_if_it_had_not_stopped() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = exposed(folder.path(), alternating);
+    let views = || scene.views.iter().collect::<Vec<_>>();
+    let config = GridConfig { steps: 120, capacity: Capacity::Cells(32), ..GridConfig::default() };
+    let start = || GridTrainer::new(views()[1..].to_vec(), views()[..1].to_vec(), config.clone()).unwrap();
+    let (mut unbroken, mut states) = (start(), Vec::new());
+    for _ in 0..120 {
+        unbroken.step().unwrap();
+        states.push(unbroken.state().unwrap());
+    }
+    assert!(!unbroken.exposures().is_empty() && unbroken.notes().iter().any(|note| note.contains("stops")));
+    for done in [1, 60, 100, 119] {
+        let mut resumed = start();
+        resumed.resume(&states[done - 1], done).unwrap();
+        (done..120).for_each(|_| drop(resumed.step().unwrap()));
+        assert!(resumed.state().unwrap().training == states[119].training, "from step {done}, bit for bit");
+    }
+    let mut other = GridTrainer::new(views(), Vec::new(), config.clone()).unwrap();
+    assert!(other.resume(&states[60], 61).is_err(), "exposures of other views");
 }

@@ -71,7 +71,7 @@ fn notes(metrics: &RunMetrics) -> String {
     }
     let notes: String = metrics.notes.iter().map(|note| format!("<li>{}</li>", escape(&sentence(note)))).collect();
     format!(
-        "<h3>Resolution of the field</h3><p>The number of cells per edge is doubled while that improves validation views, \
+        "<h3>Decisions of the run</h3><p>The number of cells per edge is doubled while that improves validation views, \
          and the last doubling is reverted when it does not.</p><ol class=\"notes\">{notes}</ol>"
     )
 }

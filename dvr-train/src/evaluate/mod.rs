@@ -11,9 +11,10 @@ use dvr_core::metrics::picture::{mask_iou, psnr, ssim};
 use dvr_core::metrics::seen::{SeenScore, score_seen};
 use dvr_core::metrics::shape::{F_SCORE_THRESHOLDS, SURFACE_SAMPLES, ShapeScore, cloud_floor, score_surface};
 use dvr_core::sampling::sample_surface;
-use dvr_core::{Camera, Cancellation, GroundTruth, PointCloud, View};
-use dvr_render::{Shader, render_view};
+use dvr_core::{Camera, Cancellation, Exposure, GroundTruth, Mask, PointCloud, View};
+use dvr_render::{Rendering, Shader, render_view};
 use glam::Vec3;
+use image::{GrayImage, Luma};
 use serde::{Deserialize, Serialize};
 
 use crate::error::Result;
@@ -81,7 +82,8 @@ pub(crate) fn evaluate_points(
     Ok(ShapeEvaluation { surface, floor, volume_iou, seen: None })
 }
 
-/// Renders views in full and compares; `progress` hears how many are done.
+/// Renders views in full and compares; `progress` hears how many are done. A view whose exposure is not known
+/// ([`View::exposure`]) is compared at its own, which one half of its pixels tells; its PSNR is that of the other half.
 ///
 /// # Errors
 /// When a view's pictures differ in size; [`crate::Error::Cancelled`] where somebody wants it to end.
@@ -95,15 +97,37 @@ pub fn evaluate_views(
     for view in views {
         cancellation.check()?;
         let Some(mask) = &view.mask else { continue };
-        let rendering = render_view(shader, &view.camera);
+        let mut rendering = render_view(shader, &view.camera);
+        let judging = (view.exposure.is_none()).then(|| expose(&mut rendering, view));
         let (predicted, truth) = (to_rgb8(&rendering.color), whitened(view));
         results.push(ViewEvaluation {
             view: view.name.clone(),
-            psnr: psnr(&predicted, &truth, None)?,
+            psnr: psnr(&predicted, &truth, judging.as_ref())?,
             ssim: ssim(&predicted, &truth)?,
             mask_iou: mask_iou(&rendering.mask, mask)?,
         });
         progress(results.len());
     }
     Ok(results)
+}
+
+/// Brings what is rendered of the object to the exposure of its photograph, which one half of the pixels tells; returns
+/// the other half.
+fn expose(rendering: &mut Rendering, view: &View) -> Mask {
+    let (width, height) = rendering.color.dimensions();
+    let both = |(u, v): (u32, u32)| {
+        let is_object = view.is_object(u, v) && rendering.mask.is_object(u, v);
+        let shown = || view.image.get_pixel(u, v).0.map(|c| f32::from(c) / 255.0);
+        (is_object && Exposure::is_told_by(u, v)).then(|| (shown(), rendering.color.get_pixel(u, v).0))
+    };
+    let telling: Vec<_> = (0..height).flat_map(|v| (0..width).map(move |u| (u, v))).filter_map(both).collect();
+    let exposure = Exposure::between(&telling);
+    let mut judging = GrayImage::new(width, height);
+    for (u, v, pixel) in rendering.color.enumerate_pixels_mut() {
+        if rendering.mask.is_object(u, v) {
+            pixel.0 = exposure.photographed(pixel.0);
+        }
+        judging.put_pixel(u, v, Luma([if Exposure::is_told_by(u, v) { 0 } else { 255 }]));
+    }
+    judging.into()
 }

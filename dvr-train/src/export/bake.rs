@@ -4,8 +4,8 @@
 //! is known, its colours can be read where they are sharp.
 
 use dvr_core::mesh::Mesh;
-use dvr_core::{Bilinear, Cancellation, Cancelled, Observation, Sight, View, Visibility};
-use glam::DVec2;
+use dvr_core::{Bilinear, Cancellation, Cancelled, Exposure, Observation, Sight, View, Visibility};
+use glam::{DVec2, Vec3};
 use rayon::prelude::*;
 
 /// Views that a vertex takes its colour from, at most: those that see it best.
@@ -21,7 +21,8 @@ struct Shown {
 /// vertices that no view sees keep theirs. Returns how many took a new colour.
 ///
 /// A vertex takes the weighted median of the views that see it best (most frontally, from the shortest distance in
-/// pixels), channel by channel: a highlight or a wrong mask in one of them does not count.
+/// pixels), channel by channel: a highlight or a wrong mask in one of them does not count. Views are taken at their mean
+/// exposure where that is known to change ([`View::exposure`]).
 ///
 /// # Errors
 /// [`Cancelled`] where somebody wants it to end; the mesh is then as it was.
@@ -52,7 +53,12 @@ pub fn bake_colors(mesh: &mut Mesh, views: &[&View], cancellation: &Cancellation
 fn shown(view: &View, sight: &Sight) -> Option<Shown> {
     // Pixels a unit of surface: focal length over depth; squared it is the area's share of the picture.
     let scale = view.camera.intrinsics.x_axis.x / sight.z_depth;
-    Some(Shown { weight: (sight.cosine * scale).powi(2), color: sample(view, sight.pixel)? })
+    // Where the light changes and this view's is not known, its colours say nothing.
+    let exposure = view.exposure?;
+    let color = sample(view, sight.pixel)?;
+    let is_corrected = exposure != Exposure::default();
+    let color = if is_corrected { exposure.corrected(color.into()).clamp(Vec3::ZERO, Vec3::ONE).into() } else { color };
+    Some(Shown { weight: (sight.cosine * scale).powi(2), color })
 }
 
 /// The bilinear colour at pixel coordinates, or `None` where one of the four pixels is not the object's.
@@ -88,7 +94,7 @@ fn weighted_median(sights: &[Shown], channel: usize) -> f32 {
 mod tests {
     use dvr_core::mesh::shapes;
     use dvr_core::{Camera, Mask, stored};
-    use glam::{DVec3, Vec3};
+    use glam::DVec3;
 
     use super::*;
 
@@ -143,6 +149,22 @@ mod tests {
         let front =
             (0..mesh.vertices.len()).max_by(|&a, &b| mesh.vertices[a].z.total_cmp(&mesh.vertices[b].z)).unwrap();
         assert!((mesh.colors.unwrap()[front][1] - 100.0 / 255.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn colours_are_those_of_the_mean_exposure_where_the_light_changes() {
+        let exposed = |eye: DVec3, exposure: Option<Exposure>| View { exposure, ..view(eye, [100, 100, 100]) };
+        let color_at_z = |exposure: Option<Exposure>| {
+            let mut mesh = ball();
+            bake_colors(&mut mesh, &[&exposed(DVec3::Z * 2.0, exposure)], &Cancellation::default()).unwrap();
+            let front = |&a: &usize, &b: &usize| mesh.vertices[a].z.total_cmp(&mesh.vertices[b].z);
+            mesh.colors.as_ref().unwrap()[(0..mesh.vertices.len()).max_by(front).unwrap()]
+        };
+        let brighter = Exposure::from_logs([0.2; 3]);
+        let expected = brighter.corrected(Vec3::splat(100.0 / 255.0));
+        assert!((Vec3::from(color_at_z(Some(brighter))) - expected).length() < 1e-5);
+        assert_eq!(color_at_z(Some(Exposure::from_logs([2.0; 3]))), [1.0; 3], "in the range of colours");
+        assert_eq!(color_at_z(None), [0.0, 0.0, 1.0], "a view of unknown exposure says nothing");
     }
 
     #[test]

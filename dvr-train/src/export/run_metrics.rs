@@ -43,6 +43,10 @@ pub struct RunMetrics {
     pub test_mesh: Option<ViewMetrics>,
     /// Renders of the field against validation views, which the run was guided by: no measure of quality.
     pub validation: Option<ViewMetrics>,
+    /// The darkest and the brightest training photograph, in stops from their mean, where exposures were corrected: each
+    /// test and validation view is then compared at its own exposure, which one half of its pixels tells, on the other.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub exposure_stops: Option<[f64; 2]>,
     /// What the process has cost until here, reading and mesh included.
     pub resources: Resources,
     /// What the user should know.

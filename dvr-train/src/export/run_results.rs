@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use dvr_core::mesh::{Mesh, write_mesh};
 use dvr_core::metrics::points::PointsSettings;
-use dvr_core::{Camera, Cancellation, Scene, View, ViewSplit};
+use dvr_core::{Camera, Cancellation, Exposure, Scene, View, ViewSplit};
 use dvr_render::extract::Extraction;
 use dvr_render::{MeshShader, Shader, view_metrics};
 use image::RgbImage;
@@ -106,6 +106,7 @@ impl RunResults {
             test,
             test_mesh,
             validation,
+            exposure_stops: Exposure::range(outcome.header.exposures.values()),
             resources: Resources::now(),
             warnings,
             notes: outcome.header.notes.clone(),

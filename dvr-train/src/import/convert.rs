@@ -119,6 +119,7 @@ pub fn import(found: &mut PytorchCheckpoint, options: ImportOptions, device: &De
         views: None,
         cameras: BTreeMap::new(),
         refine_cameras: 0,
+        exposures: Default::default(),
         notes: Vec::new(),
     };
     Ok(Checkpoint { header, state })

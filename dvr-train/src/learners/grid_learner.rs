@@ -1,5 +1,8 @@
 //! The grid method's trainer, as a run sees it.
 
+use std::collections::BTreeMap;
+
+use dvr_core::Exposure;
 use dvr_grid::{GridTrainer, TrainerState, grid_file};
 use dvr_render::ViewMetrics;
 
@@ -37,6 +40,10 @@ impl Learner for GridTrainer<'_> {
     fn resume(&mut self, state: &LearnerState, steps: usize) -> Result<()> {
         let LearnerState { model, training } = state.clone();
         Ok(self.resume(&TrainerState { model, training }, steps)?)
+    }
+
+    fn exposures(&self) -> BTreeMap<String, Exposure> {
+        self.exposures()
     }
 
     fn notes(&mut self) -> Vec<String> {

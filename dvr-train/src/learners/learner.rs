@@ -1,5 +1,8 @@
 //! What a run needs of whatever it trains.
 
+use std::collections::BTreeMap;
+
+use dvr_core::Exposure;
 use dvr_render::ViewMetrics;
 
 use crate::error::Result;
@@ -48,6 +51,11 @@ pub trait Learner {
     /// # Errors
     /// When the state is damaged or another configuration's.
     fn resume(&mut self, state: &LearnerState, steps: usize) -> Result<()>;
+
+    /// The exposures that it corrects photographs by, with their names: none where it takes all as they are.
+    fn exposures(&self) -> BTreeMap<String, Exposure> {
+        BTreeMap::new()
+    }
 
     /// What it has to say for people since it was last asked.
     fn notes(&mut self) -> Vec<String> {

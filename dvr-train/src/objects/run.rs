@@ -121,6 +121,7 @@ pub fn train_objects(
         views: None,
         cameras: BTreeMap::new(),
         refine_cameras: 0,
+        exposures: Default::default(),
         notes: Vec::new(),
     };
     let outcome = TrainingLoop::new(method, header, options, start).run(&mut learner, resume_from, observer)?;

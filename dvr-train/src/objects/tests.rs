@@ -167,6 +167,7 @@ fn header(trainer: &ObjectsTrainer) -> crate::run::checkpoint::CheckpointHeader 
         views: None,
         cameras: std::collections::BTreeMap::new(),
         refine_cameras: 0,
+        exposures: Default::default(),
         notes: Vec::new(),
     }
 }

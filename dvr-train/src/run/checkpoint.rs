@@ -8,7 +8,7 @@
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 
-use dvr_core::{Camera, Similarity, ViewNames};
+use dvr_core::{Camera, Exposure, Similarity, ViewNames};
 use safetensors::tensor::{Dtype, TensorView};
 use safetensors::{SafeTensors, serialize};
 use serde::{Deserialize, Serialize};
@@ -55,6 +55,9 @@ pub struct CheckpointHeader {
     /// Rounds, at most, in which the cameras were refined; 0 where the files are believed.
     #[serde(default)]
     pub refine_cameras: usize,
+    /// What takes the training views to their mean exposure, by view: where the run found that the light changes.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub exposures: BTreeMap<String, Exposure>,
     /// What was decided on the way and why, for people: how fine the field became, say.
     #[serde(default)]
     pub notes: Vec<String>,

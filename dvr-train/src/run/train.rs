@@ -1,9 +1,10 @@
 //! A training run from start to end, on one scene.
 
+use std::collections::BTreeMap;
 use std::time::Instant;
 
 use dvr_core::dataset::write_transforms;
-use dvr_core::{Camera, Scene, Split, View, ViewNames, ViewSplit};
+use dvr_core::{Camera, Exposure, Scene, Split, View, ViewNames, ViewSplit};
 
 use super::checkpoint::{CHECKPOINT_VERSION, Checkpoint, CheckpointHeader};
 use super::options::{RunOptions, Trained};
@@ -15,7 +16,7 @@ use crate::observer::Observer;
 
 /// Reconstructs a scene from where `resume_from` left it, or from the start.
 ///
-/// Cameras that are refined, now or before the checkpoint, are put into `scene`, and [`View::split`] says from then on
+/// Cameras that are refined, now or before the checkpoint, and exposures that the method found are put into `scene`, and [`View::split`] says from then on
 /// what each view is for. A resumed run goes on with the views that it began with.
 ///
 /// # Errors
@@ -48,7 +49,8 @@ pub fn train(
         }
         None => {}
     }
-    let scene = &*scene;
+    // A checkpoint's are the learner's to take up.
+    Exposure::apply(&BTreeMap::new(), scene);
     let start = Instant::now();
     let ViewSplit { train, validation, .. } = ViewSplit::of(scene)?;
     let header = CheckpointHeader {
@@ -64,10 +66,11 @@ pub fn train(
         views: Some(names),
         cameras,
         refine_cameras: resume_from.map_or(options.refine_cameras, |checkpoint| checkpoint.header.refine_cameras),
+        exposures: BTreeMap::new(),
         notes,
     };
     let mut learner = method.start(Start {
-        scene,
+        scene: &*scene,
         train,
         validation,
         device: options.device.clone(),
@@ -79,6 +82,8 @@ pub fn train(
     let truth = scene.ground_truth.surface.as_ref().filter(|_| options.follow_shape);
     let training = TrainingLoop::new(method, header, options, start).following(truth);
     let outcome = training.run(learner.as_mut(), resume_from, observer)?;
+    drop(learner);
+    Exposure::apply(&outcome.header.exposures, scene);
     Ok(Trained { model: method.load(&outcome.model, &options.device)?, outcome })
 }
 

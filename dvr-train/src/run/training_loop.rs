@@ -160,8 +160,14 @@ impl<'r> TrainingLoop<'r> {
 
     /// The checkpoint of this moment.
     fn checkpoint(&self, learner: &dyn Learner) -> Result<Checkpoint> {
-        let header = CheckpointHeader { step: learner.steps_done(), seconds: self.elapsed(), ..self.header.clone() };
+        let header = self.header_now(learner, self.elapsed());
         Ok(Checkpoint { header, state: learner.state()? })
+    }
+
+    /// The header of this moment.
+    fn header_now(&self, learner: &dyn Learner, seconds: f64) -> CheckpointHeader {
+        let exposures = learner.exposures();
+        CheckpointHeader { step: learner.steps_done(), seconds, exposures, ..self.header.clone() }
     }
 
     /// Stores the curves and the last checkpoint: killed in between, a run has more rows than steps, which resuming drops.
@@ -201,10 +207,7 @@ impl<'r> TrainingLoop<'r> {
                 let Checkpoint { header, state } = Checkpoint::load(&self.options.folder.best())?;
                 (header, state.model)
             }
-            _ => {
-                let header = CheckpointHeader { step: steps, seconds, ..self.header.clone() };
-                (header, learner.model()?)
-            }
+            _ => (self.header_now(learner, seconds), learner.model()?),
         };
         let measuring_seconds = self.measuring();
         Ok(RunOutcome { header, model, stop, steps, seconds, measuring_seconds, validation: self.validation })

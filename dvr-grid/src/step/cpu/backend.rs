@@ -18,6 +18,7 @@ use crate::occupancy::OccupancyBitmask;
 use crate::step::backend::{COLOR_REST, StepBackend, StepInput};
 use crate::step::draw::draw;
 use crate::surface::Surface;
+use crate::views::TrainingView;
 
 /// Rays that a task follows.
 const CHUNK: usize = 64;
@@ -108,6 +109,11 @@ impl CpuBackend {
 impl StepBackend for CpuBackend {
     fn upload(&mut self, grids: Grids) -> Result<()> {
         *self = Self::new(grids);
+        Ok(())
+    }
+
+    fn expose(&mut self, _views: &[TrainingView]) -> Result<()> {
+        // Each step is given the views.
         Ok(())
     }
 

@@ -86,6 +86,10 @@ impl StepBackend for GpuBackend {
         Ok(())
     }
 
+    fn expose(&mut self, views: &[TrainingView]) -> Result<()> {
+        Ok(self.kernels.expose(views.iter().map(TrainingView::record).collect())?)
+    }
+
     fn step(&mut self, input: StepInput) -> Result<Option<LossSums>> {
         let mut start = Instant::now();
         let first = self.draw(&input)?;

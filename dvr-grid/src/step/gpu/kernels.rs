@@ -60,14 +60,8 @@ impl Kernels {
         if bindings < BINDINGS {
             return Err(DeviceError::TooFewBindings { bindings });
         }
-        let mut views = photographs.views;
-        let mut first_pixel = 0u32;
-        for view in &mut views {
-            view.first_pixel = first_pixel;
-            first_pixel += view.width * view.height;
-        }
         Ok(Self {
-            views: buffers.words("the table of views", bytemuck::cast_slice(&views).to_vec())?,
+            views: table(&buffers, photographs.views)?,
             pixels: buffers.words("the photographs", photographs.pixels)?,
             z_depths: buffers.floats("the depth maps", photographs.z_depths)?,
             picks: buffers.words("rays", Vec::new())?,
@@ -77,6 +71,15 @@ impl Kernels {
             stage: None,
             buffers,
         })
+    }
+
+    /// Replaces the table of views: the same views, exposed otherwise.
+    ///
+    /// # Errors
+    /// When there is no room for it.
+    pub fn expose(&mut self, views: Vec<ViewRecord>) -> Result<(), DeviceError> {
+        self.views = table(&self.buffers, views)?;
+        Ok(())
     }
 
     /// Brings grids to the device.
@@ -244,4 +247,14 @@ fn records_of(words: &[u32]) -> &[RayRecord] {
 fn part_steps(count: usize) -> f32 {
     let bits = 30u32.saturating_sub(count.next_power_of_two().ilog2()).min(20);
     (1u32 << bits) as f32
+}
+
+/// The table of views, whose pixels lie one view after the other.
+fn table(buffers: &Buffers, mut views: Vec<ViewRecord>) -> Result<Buffer, DeviceError> {
+    let mut first_pixel = 0u32;
+    for view in &mut views {
+        view.first_pixel = first_pixel;
+        first_pixel += view.width * view.height;
+    }
+    buffers.words("the table of views", bytemuck::cast_slice(&views).to_vec())
 }

@@ -10,7 +10,7 @@ use crate::color::gpu::{sample, write_channel_gradient};
 use crate::constants::{CLEARANCE, MIN_COSINE};
 use crate::gpu::launch::NONE;
 use crate::gpu::traversal::{FAR, Region, first_crossing, walk};
-use crate::gpu::views::{color, is_object, photo};
+use crate::gpu::views::{is_object, photo};
 use crate::gpu::voxel::grid;
 use crate::losses::gpu::{Weights, appearance, cross_view, geometry, has_cross_view, prepare_cross_view, silhouette};
 use crate::losses::term::gpu::{PixelRay, SurfaceGradient, SurfaceHit};
@@ -113,7 +113,8 @@ fn pixel_ray(views: &[u32], pixels: &[u32], z_depths: &[f32], view: u32, index: 
     if has_depth {
         z_depth = z_depths[place];
     }
-    PixelRay { view, u, v, origin, direction, color: color(shown), object: is_object(shown), z_depth }
+    let color = view.color(views, shown);
+    PixelRay { view, u, v, origin, direction, color, object: is_object(shown), z_depth }
 }
 
 /// An object pixel whose ray hits: colour, the same point in other views, depth.

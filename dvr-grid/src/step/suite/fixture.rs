@@ -2,7 +2,7 @@
 
 use dvr_core::hull::MaskDistance;
 use dvr_core::voxel::VoxelGrid;
-use dvr_core::{Camera, Cancellation, DepthMap, Mask, Supervision, View, stored};
+use dvr_core::{Camera, Cancellation, DepthMap, Exposure, Mask, Supervision, View, stored};
 use dvr_render::SlopeRule;
 use glam::DVec3;
 use image::{GrayImage, Rgb, RgbImage};
@@ -158,6 +158,13 @@ impl Fixture {
             ..GridConfig::new(Supervision::RgbDepth)
         };
         Self::new((0..10).map(eye), paint, config, grids)
+    }
+
+    /// Gives each view another exposure.
+    pub fn expose(&mut self) {
+        for (i, view) in self.views.iter_mut().enumerate() {
+            view.exposure = Exposure::from_logs([0.3, -0.1, 0.2].map(|log| log * (i as f64 - 4.0) / 5.0));
+        }
     }
 
     /// What the next step needs to know.

@@ -188,14 +188,28 @@ fn compare_records(ours: &[RayRecord], truth: &[RayRecord]) -> usize {
 
 /// A step says and moves the same as on the CPU: on a smooth surface and a noisy one, by both slope rules.
 fn a_step_is_that_of_the_cpu(make: Make) {
-    for (noise, slope_rule) in [(0.0, SlopeRule::default()), (3.0, SlopeRule::default()), (0.0, SlopeRule::CLASSIC)] {
+    let cases = [
+        (0.0, SlopeRule::default(), false),
+        (3.0, SlopeRule::default(), false),
+        (0.0, SlopeRule::CLASSIC, false),
+        (0.0, SlopeRule::default(), true),
+    ];
+    for (noise, slope_rule, is_exposed) in cases {
         let mut fixture = Fixture { slope_rule, ..Fixture::hull(noise, 600) };
+        let as_given = fixture.views.clone();
+        if is_exposed {
+            fixture.expose();
+        }
         // Away from the start, where much is zero.
         let mut reference = CpuBackend::new(fixture.grids.clone());
         steps(&mut reference, &mut fixture, 3);
         fixture.grids = reference.grids().unwrap().into_owned();
         let state = |grids: &Grids| (grids.shape.state(), grids.color.state());
+        // Made with the views as they are given, and told of their exposures afterwards.
+        let exposed = std::mem::replace(&mut fixture.views, as_given);
         let mut backend = make(&fixture, fixture.grids.clone());
+        backend.expose(&exposed).unwrap();
+        fixture.views = exposed;
         assert!(state(&backend.grids().unwrap()) == state(&fixture.grids), "what is uploaded is there");
 
         let unlike =
