@@ -169,7 +169,7 @@ impl GridConfig {
             color_coarseness: 2,
             compared_views: 2,
             neighbours: 6,
-            plane_sweep_pixels: 15_000,
+            plane_sweep_pixels: 250_000,
             stereo_cells: 128,
             trusts_colors: ColorTrust::Measured,
             exposure: ExposureCorrection::Auto,

@@ -45,7 +45,7 @@ impl Refinement {
         if config.plane_sweep_pixels > 0 {
             let grid = padded_cube(config.first_cells);
             let (hull, _) = start.hull(&grid, config)?;
-            carving = SpaceCarving::sweep(views, &grid, &hull, config.plane_sweep_pixels, cancellation)?;
+            carving = SpaceCarving::by_plane_sweep(views, &grid, &hull, config.plane_sweep_pixels, cancellation)?;
         }
         let mut fused = None;
         if config.stereo_cells > 1 {
@@ -60,6 +60,11 @@ impl Refinement {
     fn hull(&self, grid: &VoxelGrid, config: &GridConfig) -> Result<(Vec<f32>, ActiveNodes), Cancelled> {
         let disagreeing = config.disagreeing_views.of(self.masks.len());
         hull_start(&self.masks, grid, disagreeing, self.carving.as_ref(), self.fused.as_ref(), &self.cancellation)
+    }
+
+    /// Whether photographs showed something of the hull to be empty.
+    pub fn is_carved(&self) -> bool {
+        self.carving.is_some()
     }
 
     /// Distances of the masks' outlines, in the order of the training views.

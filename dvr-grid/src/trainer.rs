@@ -29,6 +29,10 @@ use crate::wrong_masks::leave_out_wrong_masks;
 /// Pixels of validation views that decide about growth.
 const GROWTH_PIXELS: usize = 30_000;
 
+/// Steps over which the step size of the shape rises to its full size where hollows were carved. Colours start out the
+/// same everywhere: until they are learned, they would close a hollow that is right.
+const WARM_UP: usize = 50;
+
 /// A grid field in training.
 pub struct GridTrainer<'a> {
     config: GridConfig,
@@ -209,7 +213,7 @@ impl<'a> GridTrainer<'a> {
             let trust = color_trust(&grids, &self.packed, &self.order, &self.config, self.rays_drawn);
             self.trust_colors(trust);
         }
-        let decay = self.decay();
+        let (decay, warm_up) = (self.decay(), self.warm_up());
         let input = StepInput {
             config: &self.weighted,
             views: &self.packed,
@@ -217,6 +221,7 @@ impl<'a> GridTrainer<'a> {
             rays_drawn: self.rays_drawn,
             mean_color: self.refinement.mean_color,
             decay,
+            warm_up,
             slope_rule: SlopeRule::default(),
             is_reported: is_last || (self.step + 1).is_multiple_of(REPORT_EVERY) || self.sums.is_none(),
             times: &mut self.times,
@@ -226,7 +231,7 @@ impl<'a> GridTrainer<'a> {
         self.step += 1;
         self.rays_drawn += self.weighted.rays as u64;
         let sums = self.sums.unwrap_or_default();
-        Ok(StepReport::new(self.step, &self.weighted, &sums, self.config.shape_rate * decay))
+        Ok(StepReport::new(self.step, &self.weighted, &sums, self.config.shape_rate * decay * warm_up))
     }
 
     /// Lets raw colours shape the surface this far.
@@ -270,6 +275,11 @@ impl<'a> GridTrainer<'a> {
     fn validated(&self, field: &GridField, pixels: usize) -> Option<ViewMetrics> {
         let metrics = if self.exposures.is_empty() { view_metrics } else { view_metrics_at_own_exposure };
         metrics(field, &self.validation, pixels)
+    }
+
+    /// Factor of the step size of the shape: rises to one.
+    fn warm_up(&self) -> f64 {
+        if self.refinement.is_carved() { ((self.step + 1) as f64 / WARM_UP as f64).min(1.0) } else { 1.0 }
     }
 
     /// Factor of the step sizes: falls exponentially to `final_rate` in each stage.

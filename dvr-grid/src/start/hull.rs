@@ -7,7 +7,7 @@ use dvr_core::voxel::VoxelGrid;
 use dvr_core::{Cancellation, Cancelled};
 use rayon::prelude::*;
 
-use super::plane_sweep::SpaceCarving;
+use super::space_carving::SpaceCarving;
 use crate::stereo::FusedDistance;
 
 /// Distances are known up to this, object units.

@@ -1,7 +1,8 @@
-//! What training starts from: the visual hull, and what a plane sweep shows to be empty in it.
+//! What training starts from: the visual hull, less what a plane sweep of the photographs shows to be empty in it.
 
 mod hull;
 mod plane_sweep;
+mod space_carving;
 
 pub(crate) use hull::{add_hull_detail, hull_start};
-pub(crate) use plane_sweep::SpaceCarving;
+pub(crate) use space_carving::SpaceCarving;

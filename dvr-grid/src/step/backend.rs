@@ -30,6 +30,8 @@ pub(crate) struct StepInput<'a> {
     pub mean_color: [f32; 3],
     /// Factor of the step sizes.
     pub decay: f64,
+    /// Factor of the step size of the shape alone.
+    pub warm_up: f64,
     /// How the gradient of a depth is damped at grazing rays.
     pub slope_rule: SlopeRule,
     /// Whether the losses are asked for.
@@ -41,7 +43,7 @@ pub(crate) struct StepInput<'a> {
 impl StepInput<'_> {
     /// Adam's step size for a level of the shape, counted from the coarsest.
     pub fn shape_rate(&self, level: usize) -> f32 {
-        (self.config.shape_rate * self.decay * self.config.shape_rate_ratio.powi(level as i32)) as f32
+        (self.config.shape_rate * self.decay * self.warm_up * self.config.shape_rate_ratio.powi(level as i32)) as f32
     }
 
     /// The same for a level of the colour.

@@ -176,6 +176,7 @@ impl Fixture {
             rays_drawn: self.rays_drawn,
             mean_color: [0.4, 0.5, 0.6],
             decay: 1.0,
+            warm_up: 1.0,
             slope_rule: self.slope_rule,
             is_reported: self.is_reported,
             times,
