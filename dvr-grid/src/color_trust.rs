@@ -42,9 +42,6 @@ const PATCH_SCALE: f64 = 0.1;
 /// The same for smoothness.
 const SMOOTHNESS: f64 = 3.0;
 
-/// The same for the rays of a step: one that only compares patches says less than one that sees colours.
-const RAYS: f64 = 2.0;
-
 /// How far raw colours count, in `[0, 1]`: by the pixels that come after `rays_drawn`. In full where there is little to
 /// compare.
 pub(crate) fn color_trust(
@@ -91,17 +88,9 @@ fn color_difference<'a>(
     (count > 0).then(|| sum / count as f32)
 }
 
-impl GridConfig {
-    /// The settings where raw colours count as far as `trust` says, in `[0, 1]`.
-    pub(crate) fn trusting_colors(&self, trust: f64) -> Self {
-        let rays = self.rays as f64 * (1.0 + (1.0 - trust) * (RAYS - 1.0));
-        Self { losses: self.losses.trusting_colors(trust), rays: rays as usize, ..self.clone() }
-    }
-}
-
 impl GridLosses {
     /// The weights where raw colours count as far as `trust` says, in `[0, 1]`.
-    fn trusting_colors(&self, trust: f64) -> Self {
+    pub(crate) fn trusting_colors(&self, trust: f64) -> Self {
         let doubt = 1.0 - trust;
         let mut losses = self.clone();
         // What a colour no longer says of the surface, it still says of the colour.

@@ -8,6 +8,9 @@ use crate::config_ranges::MAX_CELLS;
 use crate::error::Result;
 use crate::losses::{ColorLoss, DepthLoss, DetachedColorLoss, GridLosses, PatchNccLoss, PhotoConsistencyLoss};
 
+/// Pixels of the object up to which a step takes `rays`: 24 views of 128x128. Each is drawn some ten times in a stage.
+const FEW_PIXELS: f64 = 125_000.0;
+
 /// Everything that determines a run of the grid method besides the scene. Lengths are in units of the object cube.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -27,8 +30,10 @@ pub struct GridConfig {
     pub max_bytes: usize,
     /// Steps of each stage.
     pub steps: usize,
-    /// Rays per step.
+    /// Rays per step, where the object has up to 125 000 pixels in all photographs together.
     pub rays: usize,
+    /// Most rays per step: they grow with the square root of the pixels.
+    pub max_rays: usize,
     /// The terms of the loss.
     pub losses: GridLosses,
     /// Adam's step size for the coarsest shape level, in object units.
@@ -159,6 +164,7 @@ impl GridConfig {
             max_bytes: 0,
             steps: 300,
             rays: 2048,
+            max_rays: 8192,
             losses,
             shape_rate: 6e-3,
             shape_rate_ratio: 0.35,
@@ -176,6 +182,12 @@ impl GridConfig {
             disagreeing_views: DisagreeingViews::Auto,
             hold_out_every: HOLD_OUT_EVERY,
         }
+    }
+
+    /// Rays per step where the object has this many pixels in all photographs together.
+    pub(crate) fn rays_of(&self, pixels: usize) -> usize {
+        let factor = (pixels as f64 / FEW_PIXELS).sqrt().max(1.0);
+        ((self.rays as f64 * factor) as usize).clamp(self.rays, self.max_rays.max(self.rays))
     }
 
     /// Most cells along an edge that the capacity allows.

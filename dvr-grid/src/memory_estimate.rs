@@ -47,6 +47,6 @@ impl GridConfig {
         let threads = rayon::current_num_threads() as u64;
         let of_view = |view: &&View| VIEW.min(pixels(view) * SMALL_VIEW_PIXEL);
         let of_views = [train.iter().map(of_view).sum(), threads * TRANSFORMED_VIEW];
-        of_grids.into_iter().chain(of_views).sum::<u64>() + self.trusting_colors(0.0).rays as u64 * RAY
+        of_grids.into_iter().chain(of_views).sum::<u64>() + self.rays.max(self.max_rays) as u64 * RAY
     }
 }

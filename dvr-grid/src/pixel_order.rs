@@ -36,7 +36,6 @@ impl PixelOrder {
     }
 
     /// How many there are.
-    #[cfg(test)]
     pub fn len(&self) -> usize {
         self.total as usize
     }

@@ -109,7 +109,7 @@ impl<'a> GridTrainer<'a> {
         let growth = Growth::plan(&config, &train);
         Ok(Self {
             validation_ncc: ValidationNcc::new(&validation, &packed),
-            weighted: config.clone(),
+            weighted: GridConfig { rays: config.rays_of(order.len()), ..config.clone() },
             color_trust: 1.0,
             config,
             validation,
@@ -237,7 +237,8 @@ impl<'a> GridTrainer<'a> {
     /// Lets raw colours shape the surface this far.
     fn trust_colors(&mut self, trust: f64) {
         self.color_trust = trust;
-        self.weighted = self.config.trusting_colors(trust);
+        let (rays, losses) = (self.weighted.rays, self.config.losses.trusting_colors(trust));
+        self.weighted = GridConfig { rays, losses, ..self.config.clone() };
     }
 
     /// Solves for the exposures of the photographs and corrects them, where that makes views agree.
