@@ -15,6 +15,9 @@ use crate::views::TrainingView;
 /// How near to the surface a node learns where not all do, in nodes.
 const BAND_NODES: usize = 3;
 
+/// Share of the hull from which what was carved is a hollow, not dents and noise.
+const MUCH_CARVED: f64 = 0.2;
+
 /// What is known of the object before training.
 pub(crate) struct Refinement {
     masks: Vec<MaskDistance>,
@@ -62,9 +65,9 @@ impl Refinement {
         hull_start(&self.masks, grid, disagreeing, self.carving.as_ref(), self.fused.as_ref(), &self.cancellation)
     }
 
-    /// Whether photographs showed something of the hull to be empty.
+    /// Whether photographs showed a good part of the hull to be empty.
     pub fn is_carved(&self) -> bool {
-        self.carving.is_some()
+        self.carving.as_ref().is_some_and(|carving| carving.share > MUCH_CARVED)
     }
 
     /// Distances of the masks' outlines, in the order of the training views.

@@ -29,8 +29,8 @@ use crate::wrong_masks::leave_out_wrong_masks;
 /// Pixels of validation views that decide about growth.
 const GROWTH_PIXELS: usize = 30_000;
 
-/// Steps over which the step size of the shape rises to its full size where hollows were carved. Colours start out the
-/// same everywhere: until they are learned, they would close a hollow that is right.
+/// Steps over which the step size of the shape rises to its full size where much was carved. Colours start out the same
+/// everywhere: until they are learned, they would close a hollow that is right.
 const WARM_UP: usize = 50;
 
 /// A grid field in training.

@@ -32,6 +32,8 @@ const AT_ONCE: usize = 16;
 
 /// What is carved out of the hull, as a distance-like value at the nodes of a coarse grid: negative where nothing is.
 pub(crate) struct SpaceCarving {
+    /// Carved nodes, as a share of those in the hull.
+    pub share: f64,
     grid: VoxelGrid,
     values: Vec<f32>,
 }
@@ -59,7 +61,9 @@ impl SpaceCarving {
         cancellation.check()?;
         let is_empty: Vec<bool> = (0..grid.len()).map(|node| hull[node] > 0.0 && votes.say_empty(node)).collect();
         let carved = reachable(grid, hull, &is_empty);
-        Ok(carved.contains(&true).then(|| Self { grid: *grid, values: smoothed(grid, &carved) }))
+        let count = carved.iter().filter(|&&carved| carved).count();
+        let share = count as f64 / hull.iter().filter(|&&distance| distance > 0.0).count().max(1) as f64;
+        Ok((count > 0).then(|| Self { share, grid: *grid, values: smoothed(grid, &carved) }))
     }
 
     /// The value at a point; large where nothing is carved nearby.
