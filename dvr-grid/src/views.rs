@@ -179,6 +179,23 @@ impl<'a> TrainingView<'a> {
         is_object.then(|| self.color((v * self.width + u) as usize))
     }
 
+    /// The least and the greatest colour, by channel, of the object's pixels within `radius` of one; `None` out of the
+    /// frame and off the object.
+    pub fn color_range(&self, [u, v]: [u32; 2], radius: u32) -> Option<[Vec3; 2]> {
+        self.object_color(u, v)?;
+        let around = |at: u32, side: u32| at.saturating_sub(radius)..=(at + radius).min(side - 1);
+        let pixels = around(v, self.height).flat_map(|v| around(u, self.width).map(move |u| (u, v)));
+        let colors = pixels.filter_map(|(u, v)| self.object_color(u, v));
+        Some(colors.fold([Vec3::INFINITY, Vec3::NEG_INFINITY], |[low, high], c| [low.min(c), high.max(c)]))
+    }
+
+    /// The range of colours around the projection of a point.
+    pub fn color_range_at(&self, point: Vec3, radius: u32) -> Option<[Vec3; 2]> {
+        let (pixel, z) = self.camera.project(point);
+        let is_ahead = z > 0.0 && pixel.cmpge(Vec2::ZERO).all();
+        is_ahead.then(|| self.color_range(pixel.as_uvec2().to_array(), radius))?
+    }
+
     /// The colour at the projection of a point, and its derivative as the point moves along `direction`; `None` where
     /// the view does not show the object in all four pixels around.
     pub fn reproject(&self, point: Vec3, direction: Vec3) -> Option<Reprojection> {
