@@ -15,6 +15,9 @@ use crate::views::TrainingView;
 /// How near to the surface a node learns where not all do, in nodes.
 const BAND_NODES: usize = 3;
 
+/// Views below which two that match by chance are too many: nothing but the hull is believed.
+const MIN_MATCHED_VIEWS: usize = 6;
+
 /// Share of the hull from which what was carved is a hollow, not dents and noise.
 const MUCH_CARVED: f64 = 0.2;
 
@@ -41,7 +44,7 @@ impl Refinement {
         cancellation: &Cancellation,
     ) -> Result<Self, Cancelled> {
         let start = Self { masks, carving: None, fused: None, cancellation: cancellation.clone(), mean_color };
-        if config.steps == 0 || !config.losses.has_cross_view() {
+        if config.steps == 0 || !config.losses.has_cross_view() || views.len() < MIN_MATCHED_VIEWS {
             return Ok(start);
         }
         let mut carving = None;
@@ -66,7 +69,7 @@ impl Refinement {
     }
 
     /// Whether photographs showed a good part of the hull to be empty.
-    pub fn is_carved(&self) -> bool {
+    pub fn is_hollowed(&self) -> bool {
         self.carving.as_ref().is_some_and(|carving| carving.share > MUCH_CARVED)
     }
 

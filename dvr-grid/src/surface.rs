@@ -4,6 +4,7 @@ use dvr_core::voxel::{Cell, VoxelGrid};
 use glam::Vec3;
 
 use crate::constants::{CLEARANCE, MIN_COSINE};
+use crate::multires::Grids;
 use crate::occupancy::OccupancyBitmask;
 use crate::views::TrainingView;
 
@@ -25,7 +26,18 @@ pub(crate) struct SurfacePoint {
     pub inward: Vec3,
 }
 
-impl Surface<'_> {
+impl<'a> Surface<'a> {
+    /// That of grids; `bitmask` is made of their shape.
+    pub fn of(grids: &'a Grids, bitmask: &'a OccupancyBitmask) -> Self {
+        Self { grid: grids.shape.grid(), values: grids.shape.values(), bitmask }
+    }
+
+    /// Where the ray of a pixel meets it first.
+    pub fn hit(&self, view: &TrainingView, direction: Vec3) -> Option<SurfacePoint> {
+        let origin = view.camera.center;
+        Some(self.at(origin + self.depth(origin, direction)? * direction))
+    }
+
     /// Ray depth of the first crossing from a camera on.
     pub fn depth(&self, origin: Vec3, direction: Vec3) -> Option<f32> {
         self.bitmask.first_crossing(self.values, origin, direction, 0.0, f32::INFINITY)

@@ -280,7 +280,7 @@ impl<'a> GridTrainer<'a> {
 
     /// Factor of the step size of the shape: rises to one.
     fn warm_up(&self) -> f64 {
-        if self.refinement.is_carved() { ((self.step + 1) as f64 / WARM_UP as f64).min(1.0) } else { 1.0 }
+        if self.refinement.is_hollowed() { ((self.step + 1) as f64 / WARM_UP as f64).min(1.0) } else { 1.0 }
     }
 
     /// Factor of the step sizes: falls exponentially to `final_rate` in each stage.

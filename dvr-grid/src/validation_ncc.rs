@@ -77,9 +77,8 @@ impl<'a> ValidationNcc<'a> {
 
     /// The scores of a surface.
     pub fn scores(&self, training: &[TrainingView], grids: &Grids) -> NccScores {
-        let (grid, values) = (grids.shape.grid(), grids.shape.values());
-        let bitmask = OccupancyBitmask::new(grid, values);
-        let surface = Surface { grid, values, bitmask: &bitmask };
+        let bitmask = OccupancyBitmask::new(grids.shape.grid(), grids.shape.values());
+        let surface = Surface::of(grids, &bitmask);
         let pixels = self.pixels.par_iter();
         NccScores(pixels.map(|&(view, pixel)| score(&surface, &self.views[view], pixel, training)).collect())
     }
@@ -87,10 +86,8 @@ impl<'a> ValidationNcc<'a> {
 
 /// How alike a pixel's surroundings are in the photographs that see its point.
 fn score(surface: &Surface, view: &TrainingView, [u, v]: [u32; 2], training: &[TrainingView]) -> f32 {
-    let (origin, direction) = (view.camera.center, view.direction(u, v));
-    let Some(depth) = surface.depth(origin, direction) else { return 0.0 };
-    let at = surface.at(origin + depth * direction);
-    let Some(patch) = Patch::on_plane(view, [u, v], 1, origin, at.point, at.inward) else { return 0.0 };
+    let Some(at) = surface.hit(view, view.direction(u, v)) else { return 0.0 };
+    let Some(patch) = Patch::on_plane(view, [u, v], 1, view.camera.center, at.point, at.inward) else { return 0.0 };
     let seen = (view.neighbours.iter().map(|&other| &training[other as usize]))
         .filter_map(|other| patch.compare(other).filter(|_| surface.is_seen_by(&at, other)));
     let (sum, count) = seen.fold((0.0, 0), |(sum, count), found| {

@@ -41,7 +41,7 @@ pub(super) fn samples(
     rays_drawn: u64,
 ) -> Vec<Sample> {
     let bitmask = OccupancyBitmask::new(grids.shape.grid(), grids.shape.values());
-    let surface = Surface { grid: grids.shape.grid(), values: grids.shape.values(), bitmask: &bitmask };
+    let surface = Surface::of(grids, &bitmask);
     let of_pixel = |count: u64| {
         let DrawnRay { view, pixel, .. } = draw(order, config.seed, rays_drawn + count);
         of_pixel(&surface, views, view, pixel)
@@ -58,17 +58,12 @@ fn of_pixel(surface: &Surface, views: &[TrainingView], view: u32, pixel: u32) ->
     if !own.is_interior(ray.pixel) {
         return Vec::new();
     }
-    let (origin, direction) = (own.camera.center, ray.direction);
-    let Some(depth) = surface.depth(origin, direction) else { return Vec::new() };
-    let at = surface.at(origin + depth * direction);
-    if !surface.faces(&at, own) {
-        return Vec::new();
-    }
+    let Some(at) = surface.hit(own, ray.direction).filter(|at| surface.faces(at, own)) else { return Vec::new() };
     let block = (at.point / BLOCK).floor();
     let block = [block.x, block.y, block.z].into_iter().fold(0, |hash, at| mix(hash ^ (at as i64 as u64)));
     let logs_of_own = logs(own.exposure, ray.color);
     let sample = |&other: &u32| {
-        let seen = views[other as usize].reproject(at.point, direction)?;
+        let seen = views[other as usize].reproject(at.point, ray.direction)?;
         if !surface.is_seen_by(&at, &views[other as usize]) {
             return None;
         }

@@ -35,7 +35,7 @@ const LOOKED_IN: usize = 5;
 
 /// A pixel that was looked at.
 pub(super) struct SweptPixel {
-    /// Of its ray; as long as z is 1 in the camera's frame.
+    /// Of its ray, with a z of 1 in the camera's frame.
     pub direction: Vec3,
     /// Z-depth at which the ray enters the hull.
     pub near: f32,

@@ -14,9 +14,6 @@ use super::view_selection::neighbours;
 use crate::occupancy::OccupancyBitmask;
 use crate::views::TrainingView;
 
-/// Views below which two that match by chance are too many.
-const MIN_VIEWS: usize = 6;
-
 /// Side of the pixels that are matched, in cells of the fused field.
 const PIXEL: f32 = 0.5;
 
@@ -26,7 +23,7 @@ const DOUBT_PIXELS: f32 = 3.0;
 
 impl FusedDistance {
     /// Matches views through the hull, whose distance at the nodes of `grid` is `hull`, positive inside, and fuses the
-    /// depths on `cells` cells along an edge. `None` where there are few views or nothing matches.
+    /// depths on `cells` cells along an edge. `None` where nothing matches.
     ///
     /// # Errors
     /// [`Cancelled`] where somebody wants it to end.
@@ -37,9 +34,6 @@ impl FusedDistance {
         cells: usize,
         cancellation: &Cancellation,
     ) -> Result<Option<Self>, Cancelled> {
-        if views.len() < MIN_VIEWS {
-            return Ok(None);
-        }
         let fine = VoxelGrid::new(cells + 1, grid.half_extent());
         let hull = Hull { bitmask: OccupancyBitmask::new(grid, hull), values: hull };
         let pictures: Vec<Picture> = views.par_iter().map(|view| Picture::new(view, PIXEL * fine.spacing())).collect();

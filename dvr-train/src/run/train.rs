@@ -16,8 +16,8 @@ use crate::observer::Observer;
 
 /// Reconstructs a scene from where `resume_from` left it, or from the start.
 ///
-/// Cameras that are refined, now or before the checkpoint, and exposures that the method found are put into `scene`, and [`View::split`] says from then on
-/// what each view is for. A resumed run goes on with the views that it began with.
+/// Cameras that are refined, now or before the checkpoint, and exposures that the method found are put into `scene`, and
+/// [`View::split`] says from then on what each view is for. A resumed run goes on with the views that it began with.
 ///
 /// # Errors
 /// When the scene has too few views, or not those that a resumed run began with; when it lacks what the method learns from, a file cannot be written, or the loss
