@@ -36,6 +36,7 @@ mod camera;
 mod cancellation;
 pub mod dataset;
 mod distance_transform;
+mod downscale;
 mod error;
 mod exposure;
 pub mod files;

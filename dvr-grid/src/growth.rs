@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::config::{Capacity, GridConfig};
 use crate::multires::Grids;
+use crate::picture_pyramid::median_footprint;
 use crate::validation_ncc::Gain;
 use dvr_render::ViewMetrics;
 
@@ -148,19 +149,6 @@ impl Growth {
     pub fn notes(&mut self) -> Vec<String> {
         std::mem::take(&mut self.notes)
     }
-}
-
-/// Edge of a pixel at the distance of the object, in object units: the median over views.
-fn median_footprint(train: &[&View]) -> f64 {
-    let mut footprints: Vec<f64> = train
-        .iter()
-        .map(|view| {
-            let focal = 0.5 * (view.camera.intrinsics.x_axis.x.abs() + view.camera.intrinsics.y_axis.y.abs());
-            view.camera.center().length() / focal
-        })
-        .collect();
-    footprints.sort_by(f64::total_cmp);
-    footprints.get(footprints.len() / 2).copied().unwrap_or(1.0).max(1e-6)
 }
 
 #[cfg(test)]

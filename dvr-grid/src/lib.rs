@@ -60,6 +60,7 @@ mod memory_estimate;
 mod multires;
 mod occupancy;
 mod patch;
+mod picture_pyramid;
 mod pinhole;
 mod pixel_order;
 mod refinement;

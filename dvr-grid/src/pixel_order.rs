@@ -1,7 +1,8 @@
 //! In which order the pixels of all photographs are drawn.
 
-use dvr_core::View;
 use dvr_core::hull::MaskDistance;
+
+use crate::views::TrainingView;
 
 /// The pixels to learn from, in an order that visits each once before any twice.
 #[derive(Clone, Debug)]
@@ -13,15 +14,17 @@ pub(crate) struct PixelOrder {
 }
 
 impl PixelOrder {
-    /// Takes the pixels of each mask and those within `margin` pixels of it.
-    pub fn new(views: &[&View], masks: &[MaskDistance], margin: impl Fn(usize) -> f32) -> Self {
+    /// Takes the pixels of each mask and those within `margin` of it. Views are shrunk by `factor`; `masks` and `margin`
+    /// count pixels of their full size.
+    pub fn new(views: &[TrainingView], factor: u32, masks: &[MaskDistance], margin: impl Fn(usize) -> f32) -> Self {
         let (mut runs, mut total) = (Vec::new(), 0);
         for (i, (view, mask)) in views.iter().zip(masks).enumerate() {
-            let (width, height) = view.image.dimensions();
+            let [width, height] = view.size();
             let margin = margin(i);
             let near = |&index: &u32| {
                 let (u, v) = (index % width, index / width);
-                view.is_training_object(u, v) || mask.of_pixel(u, v) > -margin
+                let of_middle = |at: u32| factor * at + factor / 2;
+                view.is_object(u, v) || mask.of_pixel(of_middle(u), of_middle(v)) > -margin
             };
             let mut expected = None;
             for index in (0..width * height).filter(near) {

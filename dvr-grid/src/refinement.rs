@@ -2,7 +2,7 @@
 
 use dvr_core::hull::MaskDistance;
 use dvr_core::voxel::VoxelGrid;
-use dvr_core::{Cancellation, Cancelled, UnitCube};
+use dvr_core::{Cancellation, Cancelled, UnitCube, View};
 
 use crate::active::ActiveNodes;
 use crate::color;
@@ -38,7 +38,7 @@ impl Refinement {
     /// [`Cancelled`] where somebody wants it to end, here and in what follows.
     pub fn new(
         masks: Vec<MaskDistance>,
-        views: &[TrainingView],
+        views: &[&View],
         mean_color: [f32; 3],
         config: &GridConfig,
         cancellation: &Cancellation,
@@ -47,6 +47,7 @@ impl Refinement {
         if config.steps == 0 || !config.losses.has_cross_view() || views.len() < MIN_MATCHED_VIEWS {
             return Ok(start);
         }
+        let views = &TrainingView::pack(views, config.neighbours, 1);
         let mut carving = None;
         if config.plane_sweep_pixels > 0 {
             let grid = padded_cube(config.first_cells);

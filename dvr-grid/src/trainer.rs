@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use burn::tensor::Device;
 use dvr_core::hull::MaskDistance;
-use dvr_core::{Cancellation, Cancelled, Exposure, UnitCube, View, require_masks};
+use dvr_core::{Cancellation, Cancelled, Exposure, View, require_masks};
 use dvr_render::{SlopeRule, ViewMetrics, is_gpu, view_metrics, view_metrics_at_own_exposure};
 use rayon::prelude::*;
 
@@ -17,13 +17,13 @@ use crate::field::GridField;
 use crate::growth::{Growth, NccOfStage, Reached, Verdict};
 use crate::losses::LossSums;
 use crate::multires::Grids;
-use crate::pixel_order::PixelOrder;
+use crate::picture_pyramid::{PicturePyramid, PyramidLevel};
 use crate::refinement::Refinement;
 use crate::report::{StepReport, TrainerState};
 use crate::state;
 use crate::step::{CpuBackend, REPORT_EVERY, StepBackend, StepInput};
 use crate::validation_ncc::{NccScores, ValidationNcc};
-use crate::views::{TrainingView, mean_object_color};
+use crate::views::mean_object_color;
 use crate::wrong_masks::leave_out_wrong_masks;
 
 /// Pixels of validation views that decide about growth.
@@ -42,13 +42,14 @@ pub struct GridTrainer<'a> {
     color_trust: f64,
     validation: Vec<&'a View>,
     validation_ncc: Option<ValidationNcc<'a>>,
-    packed: Vec<TrainingView<'a>>,
+    pyramid: PicturePyramid<'a>,
+    /// The photographs as this stage sees them.
+    photographs: PyramidLevel<'a>,
     /// Names of the views that are learned from.
     names: Vec<String>,
     /// What they are corrected by; empty where they are taken as they are.
     exposures: Vec<Exposure>,
     refinement: Refinement,
-    order: PixelOrder,
     /// Owns the grids.
     backend: Box<dyn StepBackend>,
     /// The losses of the last step that was asked for them.
@@ -91,33 +92,28 @@ impl<'a> GridTrainer<'a> {
             .filter_map(|view| view.training_pair())
             .map(|(camera, mask)| cancellation.check().map(|()| MaskDistance::new(camera, mask)))
             .collect::<std::result::Result<_, Cancelled>>()?;
-        let packed = TrainingView::pack(&train, config.neighbours);
         let mean_color = mean_object_color(&train).to_array();
-        let refinement = Refinement::new(masks, &packed, mean_color, &config, cancellation)?;
+        let refinement = Refinement::new(masks, &train, mean_color, &config, cancellation)?;
         let grids = refinement.first(&config)?;
-        // Pixels whose rays come as close to the object as the band around the hull.
-        let spacing = f64::from(grids.shape.grid().spacing());
-        let margin = |view: usize| {
-            let camera = &train[view].camera;
-            let depth = camera.center().length().max(UnitCube::default().half_extent());
-            (4.0 * spacing * camera.intrinsics.x_axis.x.abs() / depth) as f32 + 1.0
-        };
-        let order = PixelOrder::new(&train, refinement.masks(), margin);
-        if order.is_empty() || grids.shape.active().count() == 0 {
+        let growth = Growth::plan(&config, &train);
+        let names = train.iter().map(|view| view.name.clone()).collect();
+        let pyramid = PicturePyramid::new(train, config.neighbours, grids.shape.grid().spacing());
+        let photographs = pyramid.level(pyramid.factor(config.first_cells), refinement.masks());
+        if photographs.order.is_empty() || grids.shape.active().count() == 0 {
             return Err(Error::NoHull);
         }
-        let growth = Growth::plan(&config, &train);
+        let judged = pyramid.level(pyramid.factor(growth.max_cells()), refinement.masks());
         Ok(Self {
-            validation_ncc: ValidationNcc::new(&validation, &packed),
-            weighted: GridConfig { rays: config.rays_of(order.len()), ..config.clone() },
+            validation_ncc: ValidationNcc::new(&validation, judged.factor, judged.views),
+            weighted: GridConfig { rays: config.rays_of(photographs.order.len()), ..config.clone() },
             color_trust: 1.0,
             config,
             validation,
-            packed,
-            names: train.iter().map(|view| view.name.clone()).collect(),
+            pyramid,
+            photographs,
+            names,
             exposures: Vec::new(),
             refinement,
-            order,
             backend: Box::new(CpuBackend::new(grids)),
             sums: None,
             stage: 0,
@@ -146,7 +142,8 @@ impl<'a> GridTrainer<'a> {
         #[cfg(feature = "gpu")]
         {
             let grids = self.backend.grids()?.into_owned();
-            self.backend = Box::new(crate::step::GpuBackend::new(device, &self.packed, &self.config, grids)?);
+            self.backend =
+                Box::new(crate::step::GpuBackend::new(device, &self.photographs.views, &self.config, grids)?);
         }
         Ok(self)
     }
@@ -210,14 +207,15 @@ impl<'a> GridTrainer<'a> {
             && within.is_multiple_of(color_trust::EVERY)
         {
             let grids = self.backend.grids()?;
-            let trust = color_trust(&grids, &self.packed, &self.order, &self.config, self.rays_drawn);
+            let PyramidLevel { views, order, .. } = &self.photographs;
+            let trust = color_trust(&grids, views, order, &self.config, self.rays_drawn);
             self.trust_colors(trust);
         }
         let (decay, warm_up) = (self.decay(), self.warm_up());
         let input = StepInput {
             config: &self.weighted,
-            views: &self.packed,
-            order: &self.order,
+            views: &self.photographs.views,
+            order: &self.photographs.order,
             rays_drawn: self.rays_drawn,
             mean_color: self.refinement.mean_color,
             decay,
@@ -244,7 +242,8 @@ impl<'a> GridTrainer<'a> {
     /// Solves for the exposures of the photographs and corrects them, where that makes views agree.
     fn solve_exposures(&mut self) -> Result<()> {
         let grids = self.backend.grids()?;
-        let solved = exposure::solve(&grids, &self.packed, &self.order, &self.config, self.rays_drawn);
+        let PyramidLevel { views, order, .. } = &self.photographs;
+        let solved = exposure::solve(&grids, views, order, &self.config, self.rays_drawn);
         let believed = solved.filter(|solved| solved.check.is_passed());
         let was_corrected = !self.exposures.is_empty();
         match &believed {
@@ -260,11 +259,21 @@ impl<'a> GridTrainer<'a> {
 
     /// Reads the photographs at these exposures; as they are where there are none.
     fn expose(&mut self, exposures: Vec<Exposure>) -> Result<()> {
-        for (i, view) in self.packed.iter_mut().enumerate() {
-            view.exposure = exposures.get(i).copied().unwrap_or_default();
-        }
         self.exposures = exposures;
-        self.backend.expose(&self.packed)
+        self.photographs.expose(&self.exposures);
+        self.backend.expose(&self.photographs.views)
+    }
+
+    /// Looks at the photographs at the size that grids of this many cells can show.
+    fn look_at(&mut self, cells: usize) -> Result<()> {
+        let factor = self.pyramid.factor(cells);
+        if factor == self.photographs.factor {
+            return Ok(());
+        }
+        self.photographs = self.pyramid.level(factor, self.refinement.masks());
+        self.photographs.expose(&self.exposures);
+        self.weighted.rays = self.config.rays_of(self.photographs.order.len());
+        self.backend.show(&self.photographs.views)
     }
 
     /// The exposures that photographs are corrected by, with their names: none where all are taken as they are.
@@ -292,7 +301,7 @@ impl<'a> GridTrainer<'a> {
     /// Ends a stage: keeps its result or takes it back, and grows or ends.
     fn end_stage(&mut self) -> Result<()> {
         let grids = self.backend.grids()?;
-        let scores = |grids: &Grids| self.validation_ncc.as_ref().map(|ncc| ncc.scores(&self.packed, grids));
+        let scores = |grids: &Grids| self.validation_ncc.as_ref().map(|ncc| ncc.scores(grids));
         let (now, before) = (scores(&grids), self.growth.history().1.and_then(scores));
         let reached = Reached {
             cells: grids.cells(),
@@ -310,7 +319,9 @@ impl<'a> GridTrainer<'a> {
                 let next = self.refinement.refined(&grids, &self.config);
                 let next = next.inspect_err(|_| self.growth.undecide())?;
                 self.growth.keep(grids.into_owned());
+                let cells = next.cells();
                 self.backend.upload(next)?;
+                self.look_at(cells)?;
                 self.stage += 1;
             }
             Verdict::Stay => self.finished = true,
@@ -368,7 +379,7 @@ impl<'a> GridTrainer<'a> {
     pub fn resume(&mut self, state: &TrainerState, steps: usize) -> Result<()> {
         let progress = state::progress(&state.training)?;
         let (mut grids, mut kept) = (self.backend.grids()?.into_owned(), None);
-        let fits = progress.exposures.is_empty() || progress.exposures.len() == self.packed.len();
+        let fits = progress.exposures.is_empty() || progress.exposures.len() == self.names.len();
         if !fits || !progress.exposures.iter().all(|exposure| exposure.is_sound()) {
             return Err(state::misfit());
         }
@@ -398,6 +409,7 @@ impl<'a> GridTrainer<'a> {
         }
         self.stage = progress.stage;
         self.trust_colors(f64::from_bits(progress.color_trust));
+        self.look_at(grids.cells())?;
         self.expose(progress.exposures)?;
         self.growth.resume(progress.reached, kept);
         (self.finished, self.rays_drawn, self.step) = (progress.finished, progress.rays_drawn, steps);

@@ -40,6 +40,7 @@ const HALF: f32 = 0.1;
 /// Pixels of validation photographs, by which surfaces are compared.
 pub(crate) struct ValidationNcc<'a> {
     views: Vec<TrainingView<'a>>,
+    training: Vec<TrainingView<'a>>,
     /// View, column and row.
     pixels: Vec<(usize, [u32; 2])>,
 }
@@ -57,10 +58,10 @@ pub(crate) struct Gain {
 }
 
 impl<'a> ValidationNcc<'a> {
-    /// `None` where the validation photographs have too little texture, or there are none.
-    pub fn new(validation: &[&'a View], training: &[TrainingView]) -> Option<Self> {
+    /// Of training photographs that are shrunk by `factor`, as validation photographs are then. `None` where the validation photographs have too little texture, or there are none.
+    pub fn new(validation: &[&'a View], factor: u32, training: Vec<TrainingView<'a>>) -> Option<Self> {
         let views: Vec<TrainingView> =
-            validation.iter().map(|view| TrainingView::beside(view, training, NEIGHBOURS, ANGLE)).collect();
+            validation.iter().map(|view| TrainingView::beside(view, factor, &training, NEIGHBOURS, ANGLE)).collect();
         let textured: Vec<(usize, [u32; 2])> = (views.par_iter().enumerate())
             .flat_map_iter(|(index, view)| {
                 let [width, height] = view.size();
@@ -72,15 +73,15 @@ impl<'a> ValidationNcc<'a> {
         // Odd, so that it does not fall on one column.
         let stride = textured.len().div_ceil(PIXELS).max(1) | 1;
         let pixels: Vec<_> = textured.into_iter().step_by(stride).collect();
-        (pixels.len() >= FEWEST).then_some(Self { views, pixels })
+        (pixels.len() >= FEWEST).then_some(Self { views, training, pixels })
     }
 
     /// The scores of a surface.
-    pub fn scores(&self, training: &[TrainingView], grids: &Grids) -> NccScores {
+    pub fn scores(&self, grids: &Grids) -> NccScores {
         let bitmask = OccupancyBitmask::new(grids.shape.grid(), grids.shape.values());
         let surface = Surface::of(grids, &bitmask);
         let pixels = self.pixels.par_iter();
-        NccScores(pixels.map(|&(view, pixel)| score(&surface, &self.views[view], pixel, training)).collect())
+        NccScores(pixels.map(|&(view, pixel)| score(&surface, &self.views[view], pixel, &self.training)).collect())
     }
 }
 
@@ -122,9 +123,9 @@ mod tests {
     /// compare with.
     fn scored(radius: f32) -> NccScores {
         let fixture = Fixture::speckled_ball(radius, GridLosses::default());
-        let training = TrainingView::pack(&fixture.pictures[1..], 2);
-        let ncc = ValidationNcc::new(&fixture.pictures[..1], &training).expect("speckles are textured");
-        ncc.scores(&training, &fixture.grids)
+        let training = TrainingView::pack(&fixture.pictures[1..], 2, 1);
+        let ncc = ValidationNcc::new(&fixture.pictures[..1], 1, training).expect("speckles are textured");
+        ncc.scores(&fixture.grids)
     }
 
     #[test]
@@ -147,7 +148,7 @@ mod tests {
     #[test]
     fn ramps_of_brightness_do_not_judge() {
         let fixture = Fixture::ball(0.3, GridLosses::default());
-        assert!(ValidationNcc::new(&fixture.pictures[..1], &fixture.views[1..]).is_none());
-        assert!(ValidationNcc::new(&[], &fixture.views).is_none());
+        assert!(ValidationNcc::new(&fixture.pictures[..1], 1, fixture.views[1..].to_vec()).is_none());
+        assert!(ValidationNcc::new(&[], 1, fixture.views).is_none());
     }
 }

@@ -1,7 +1,10 @@
 //! Photographs as the trainer reads them: projections in f32, neighbours, and the pixels where they are.
 
+use std::borrow::Cow;
+
 use dvr_core::{Bilinear, Exposure, Mask, View};
 use glam::{Vec2, Vec3};
+use rayon::prelude::*;
 
 use crate::pinhole::Pinhole;
 
@@ -12,11 +15,11 @@ pub(crate) struct TrainingView<'a> {
     width: u32,
     height: u32,
     /// Red, green and blue.
-    colors: &'a [[u8; 3]],
+    colors: Cow<'a, [[u8; 3]]>,
     /// Where the object is; `None` shows none.
-    mask: Option<&'a Mask>,
+    mask: Option<Cow<'a, Mask>>,
     /// Measured z-depth; empty without.
-    z_depth: &'a [f32],
+    z_depth: Cow<'a, [f32]>,
     /// What takes its colours to the mean exposure.
     pub exposure: Exposure,
     /// Views that look at the object from close by, nearest first.
@@ -47,9 +50,9 @@ pub(crate) struct Reprojection {
 const MAX_NEIGHBOUR_ANGLE: f32 = 0.5;
 
 impl<'a> TrainingView<'a> {
-    /// Prepares views; each gets at most `neighbours` neighbours.
-    pub fn pack(views: &[&'a View], neighbours: usize) -> Vec<Self> {
-        let mut packed: Vec<Self> = views.iter().map(|view| Self::new(view)).collect();
+    /// Prepares views, shrunk by `factor`; each gets at most `neighbours` neighbours.
+    pub fn pack(views: &[&'a View], neighbours: usize, factor: u32) -> Vec<Self> {
+        let mut packed: Vec<Self> = views.par_iter().map(|view| Self::new(view, factor)).collect();
         for i in 0..packed.len() {
             let mut near = packed[i].nearest(&packed, 0.0);
             near.retain(|&other| other as usize != i);
@@ -59,9 +62,10 @@ impl<'a> TrainingView<'a> {
         packed
     }
 
-    /// Prepares a view that is not one of `others`, with neighbours among these at about this angle, radians.
-    pub fn beside(view: &'a View, others: &[TrainingView], neighbours: usize, angle: f32) -> Self {
-        let view = Self::new(view);
+    /// Prepares a view that is not one of `others`, shrunk by `factor`, with neighbours among these at about this angle,
+    /// radians.
+    pub fn beside(view: &'a View, factor: u32, others: &[TrainingView], neighbours: usize, angle: f32) -> Self {
+        let view = Self::new(view, factor);
         let mut near = view.nearest(others, angle);
         near.truncate(neighbours);
         Self { neighbours: near, ..view }
@@ -79,15 +83,38 @@ impl<'a> TrainingView<'a> {
         near
     }
 
-    fn new(view: &'a View) -> Self {
+    fn new(view: &'a View, factor: u32) -> Self {
+        if factor <= 1 {
+            return Self {
+                colors: view.image.as_raw().as_chunks().0.into(),
+                mask: view.training_mask().map(Cow::Borrowed),
+                z_depth: view.depth.as_ref().map_or(&[][..], |depth| &depth.z_depth).into(),
+                ..Self::blank(view)
+            };
+        }
+        let View { camera, image, mask, refined_mask, depth, .. } = view.downscaled(factor);
+        let (width, height) = image.dimensions();
+        Self {
+            camera: Pinhole::new(&camera),
+            width,
+            height,
+            colors: image.as_raw().as_chunks().0.to_vec().into(),
+            mask: refined_mask.or(mask).map(Cow::Owned),
+            z_depth: depth.map_or(Vec::new(), |depth| depth.z_depth).into(),
+            ..Self::blank(view)
+        }
+    }
+
+    /// A view that shows nothing yet, as large as the file.
+    fn blank(view: &View) -> Self {
         let (width, height) = view.image.dimensions();
         Self {
             camera: Pinhole::new(&view.camera),
             width,
             height,
-            colors: view.image.as_raw().as_chunks().0,
-            mask: view.training_mask(),
-            z_depth: view.depth.as_ref().map_or(&[], |depth| &depth.z_depth),
+            colors: Cow::default(),
+            mask: None,
+            z_depth: Cow::default(),
             exposure: Exposure::default(),
             neighbours: Vec::new(),
         }
@@ -99,8 +126,8 @@ impl<'a> TrainingView<'a> {
     }
 
     /// Whether a pixel shows the object.
-    fn is_object(&self, u: u32, v: u32) -> bool {
-        self.mask.is_some_and(|mask| mask.is_object(u, v))
+    pub fn is_object(&self, u: u32, v: u32) -> bool {
+        self.mask.as_ref().is_some_and(|mask| mask.is_object(u, v))
     }
 
     /// Whether a pixel and all around it show the object.
@@ -151,7 +178,7 @@ impl<'a> TrainingView<'a> {
     /// Its pixels in a word each: red, green and blue from the lowest byte on, and 1 in the highest on the object.
     #[cfg(feature = "gpu")]
     pub fn packed_pixels(&self) -> impl Iterator<Item = u32> {
-        (0..).zip(self.colors).map(|(index, &[red, green, blue])| {
+        (0..).zip(self.colors.iter()).map(|(index, &[red, green, blue])| {
             let object = self.is_object(index % self.width, index / self.width);
             u32::from_le_bytes([red, green, blue, u8::from(object)])
         })

@@ -6,10 +6,10 @@ use glam::{DMat3, DVec3};
 use image::imageops;
 use rayon::prelude::*;
 
-use super::downscale::{downscale_camera, downscale_depth, downscale_image, downscale_mask};
 use super::masks::mask_from_background;
 use super::options::ReadOptions;
 use super::raw_scene::{Coordinates, ObjectBounds, Projection, RawScene, RawView};
+use crate::downscale::{downscale_camera, downscale_depth, downscale_image, downscale_mask};
 use crate::error::{Error, Result};
 use crate::files::{Photo, image_size, read_depth_exr, read_mask, read_photo};
 use crate::machine_memory::available_memory;

@@ -20,7 +20,6 @@
 
 mod crop;
 mod digest;
-mod downscale;
 mod input_picture;
 mod layouts;
 mod load;

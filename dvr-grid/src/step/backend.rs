@@ -71,6 +71,12 @@ pub(crate) trait StepBackend: Send {
     /// When the device fails.
     fn expose(&mut self, views: &[TrainingView]) -> Result<()>;
 
+    /// Takes up other photographs: the same views at another size.
+    ///
+    /// # Errors
+    /// When the device has no room for them.
+    fn show(&mut self, views: &[TrainingView]) -> Result<()>;
+
     /// One step: rays to ray gradients, ray gradients to gradients at nodes, these to parameters. `None` where nobody
     /// asked for the losses and they are not at hand.
     ///

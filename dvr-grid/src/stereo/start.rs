@@ -79,7 +79,7 @@ mod tests {
         let grid = VoxelGrid::new(33, 0.55);
         let distance = |point| hull_distance(&masks, point, 0.1, 4);
         let hull: Vec<f32> = (0..grid.len()).map(|node| distance(grid.position(node))).collect();
-        let views = TrainingView::pack(&views, 6);
+        let views = TrainingView::pack(&views, 6, 1);
         let fused = FusedDistance::of_stereo(&views, &grid, &hull, 64, &Cancellation::default()).unwrap();
         // The bowl's axis is y, turned like this; its rim is at .18, its floor between -.18 and -.1.
         let turn = Quat::from_euler(EulerRot::XYZ, 0.5, 0.3, 0.2);

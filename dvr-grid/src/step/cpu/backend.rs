@@ -117,6 +117,10 @@ impl StepBackend for CpuBackend {
         Ok(())
     }
 
+    fn show(&mut self, _views: &[TrainingView]) -> Result<()> {
+        Ok(())
+    }
+
     fn step(&mut self, input: StepInput) -> Result<Option<LossSums>> {
         // In the pool as a whole: entering it costs more than many of the loops inside.
         Ok(Some(rayon::scope(|_| self.carry_out(input))))

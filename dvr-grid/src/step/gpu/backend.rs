@@ -25,6 +25,8 @@ pub(crate) struct GpuBackend {
     kernels: Kernels,
     /// The grids as they were brought: their nodes are those on the device, their values are not.
     uploaded: Grids,
+    /// Whether depth maps are learned from.
+    has_depth: bool,
     /// Rays that are on the device: the first, and one past the last.
     drawn: [u64; 2],
 }
@@ -35,17 +37,10 @@ impl GpuBackend {
     /// # Errors
     /// When it is no GPU, or there is no room for them.
     pub fn new(device: &Device, views: &[TrainingView], config: &GridConfig, grids: Grids) -> Result<Self> {
-        let mut photographs = Photographs::default();
-        for view in views {
-            photographs.views.push(view.record());
-            photographs.pixels.extend(view.packed_pixels());
-        }
-        if config.losses.depth.weight > 0.0 {
-            photographs.z_depths.extend(views.iter().flat_map(TrainingView::z_depths));
-        }
-        let mut kernels = Kernels::new(device, photographs)?;
+        let has_depth = config.losses.depth.weight > 0.0;
+        let mut kernels = Kernels::new(device, photographs(views, has_depth))?;
         kernels.upload(&grids)?;
-        Ok(Self { kernels, uploaded: grids, drawn: [0; 2] })
+        Ok(Self { kernels, uploaded: grids, has_depth, drawn: [0; 2] })
     }
 
     /// Brings the rays of this step and some more to the device; returns where among them this step's begin.
@@ -90,6 +85,12 @@ impl StepBackend for GpuBackend {
         Ok(self.kernels.expose(views.iter().map(TrainingView::record).collect())?)
     }
 
+    fn show(&mut self, views: &[TrainingView]) -> Result<()> {
+        // Rays that were drawn are of the photographs before.
+        self.drawn = [0; 2];
+        Ok(self.kernels.show(photographs(views, self.has_depth))?)
+    }
+
     fn step(&mut self, input: StepInput) -> Result<Option<LossSums>> {
         let mut start = Instant::now();
         let first = self.draw(&input)?;
@@ -112,4 +113,17 @@ impl StepBackend for GpuBackend {
     fn parameters(&self) -> usize {
         self.uploaded.parameters()
     }
+}
+
+/// Views as kernels read them.
+fn photographs(views: &[TrainingView], has_depth: bool) -> Photographs {
+    let mut photographs = Photographs::default();
+    for view in views {
+        photographs.views.push(view.record());
+        photographs.pixels.extend(view.packed_pixels());
+    }
+    if has_depth {
+        photographs.z_depths.extend(views.iter().flat_map(TrainingView::z_depths));
+    }
+    photographs
 }

@@ -73,6 +73,18 @@ impl Kernels {
         })
     }
 
+    /// Replaces the photographs.
+    ///
+    /// # Errors
+    /// When they are too large for the device.
+    pub fn show(&mut self, photographs: Photographs) -> Result<(), DeviceError> {
+        let Photographs { views, pixels, z_depths } = photographs;
+        self.views = table(&self.buffers, views)?;
+        self.pixels = self.buffers.words("the photographs", pixels)?;
+        self.z_depths = self.buffers.floats("the depth maps", z_depths)?;
+        Ok(())
+    }
+
     /// Replaces the table of views: the same views, exposed otherwise.
     ///
     /// # Errors

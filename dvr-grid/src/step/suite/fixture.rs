@@ -86,10 +86,11 @@ impl Fixture {
             .filter_map(View::training_pair)
             .map(|(camera, mask)| MaskDistance::new(camera, mask))
             .collect();
+        let views = TrainingView::pack(&references, 2, 1);
         Self {
             config,
-            views: TrainingView::pack(&references, 2),
-            order: PixelOrder::new(&references, &masks, |_| 6.0),
+            order: PixelOrder::new(&views, 1, &masks, |_| 6.0),
+            views,
             grids: grids(&masks),
             pictures: references,
             rays_drawn: 0,
@@ -165,6 +166,14 @@ impl Fixture {
         for (i, view) in self.views.iter_mut().enumerate() {
             view.exposure = Exposure::from_logs([0.3, -0.1, 0.2].map(|log| log * (i as f64 - 4.0) / 5.0));
         }
+    }
+
+    /// Shrinks the photographs to half their size.
+    pub fn shrink(&mut self) {
+        let pairs = self.pictures.iter().filter_map(|view| view.training_pair());
+        let masks: Vec<MaskDistance> = pairs.map(|(camera, mask)| MaskDistance::new(camera, mask)).collect();
+        self.views = TrainingView::pack(&self.pictures, 2, 2);
+        self.order = PixelOrder::new(&self.views, 2, &masks, |_| 6.0);
     }
 
     /// What the next step needs to know.

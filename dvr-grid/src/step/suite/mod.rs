@@ -238,6 +238,13 @@ fn a_step_is_that_of_the_cpu(make: Make) {
     }
 }
 
+/// What steps leave, to the bit.
+fn bits_after_steps(backend: &mut dyn Inspected, fixture: &mut Fixture, count: usize) -> Vec<u32> {
+    steps(backend, fixture, count);
+    let grids = backend.grids().unwrap();
+    [grids.shape.state(), grids.color.state()].concat().into_iter().map(f32::to_bits).collect()
+}
+
 /// Steps give the same bits twice, and after their grids were fetched and brought back.
 fn steps_give_the_same_bits_twice_and_after_a_break(make: Make) {
     let after = |has_break: bool| {
@@ -249,13 +256,26 @@ fn steps_give_the_same_bits_twice_and_after_a_break(make: Make) {
             backend = make(&fixture, fixture.grids.clone());
             backend.upload(grids).unwrap();
         }
-        steps(&mut *backend, &mut fixture, 3);
-        let grids = backend.grids().unwrap();
-        [grids.shape.state(), grids.color.state()].concat().into_iter().map(f32::to_bits).collect::<Vec<_>>()
+        bits_after_steps(&mut *backend, &mut fixture, 3)
     };
     let unbroken = after(false);
     assert!(unbroken == after(false), "twice");
     assert!(unbroken == after(true), "after a break");
+}
+
+/// Steps on photographs that are shown later are those of a backend that is made with them.
+fn photographs_of_another_size_are_taken_up(make: Make) {
+    let mut fixture = Fixture::hull(0.0, 600);
+    let mut backend = make(&fixture, fixture.grids.clone());
+    steps(&mut *backend, &mut fixture, 2);
+    fixture.grids = backend.grids().unwrap().into_owned();
+    fixture.shrink();
+    backend.show(&fixture.views).unwrap();
+    let rays_drawn = fixture.rays_drawn;
+    let shown = bits_after_steps(&mut *backend, &mut fixture, 2);
+    fixture.rays_drawn = rays_drawn;
+    let mut made = make(&fixture, fixture.grids.clone());
+    assert!(shown == bits_after_steps(&mut *made, &mut fixture, 2));
 }
 
 /// The suite for one backend.
@@ -282,6 +302,11 @@ macro_rules! suite {
             #[$test]
             fn steps_give_the_same_bits_twice_and_after_a_break() {
                 $make(&super::steps_give_the_same_bits_twice_and_after_a_break);
+            }
+
+            #[$test]
+            fn photographs_of_another_size_are_taken_up() {
+                $make(&super::photographs_of_another_size_are_taken_up);
             }
         }
     };

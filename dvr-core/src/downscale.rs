@@ -1,13 +1,43 @@
 //! Smaller pictures by an integer factor: the box filter.
 
-use image::{GrayImage, Luma, Rgb, RgbImage};
+use std::ops::Deref;
+
+use image::{GrayImage, ImageBuffer, Luma, Rgb, RgbImage};
 
 use crate::camera::Camera;
+use crate::pixels::stored;
 use crate::raster::{DepthMap, Mask};
+use crate::scene::{MaskSource, View};
+
+impl View {
+    /// The view with each `factor` x `factor` block of pixels as one: mean colours (of what is not transparent) and
+    /// coverage, the depth nearest to the middle, the camera exactly; a rest at the right and lower edge is cut off.
+    /// A factor of 0 counts as 1; pictures of fewer pixels become empty.
+    pub fn downscaled(&self, factor: u32) -> Self {
+        let factor = factor.max(1);
+        let alpha = self.mask.as_ref().filter(|_| self.mask_source == MaskSource::Alpha);
+        let smaller = |mask: &Option<Mask>| mask.as_ref().map(|mask| downscale_mask(mask, factor));
+        Self {
+            name: self.name.clone(),
+            camera: downscale_camera(&self.camera, factor),
+            image: stored(downscale_image(&self.image, alpha, factor)),
+            mask: smaller(&self.mask),
+            refined_mask: smaller(&self.refined_mask),
+            mask_source: self.mask_source,
+            depth: self.depth.as_ref().map(|depth| downscale_depth(depth, factor)),
+            split: self.split,
+            exposure: self.exposure,
+        }
+    }
+}
 
 /// The mean of each `factor` x `factor` block of sRGB values, each pixel weighing as much as its `weight`: what is
 /// transparent has no colour. A block without any weight gets its plain mean.
-pub(super) fn downscale_image(image: &RgbImage, weight: Option<&Mask>, factor: u32) -> RgbImage {
+pub(crate) fn downscale_image(
+    image: &ImageBuffer<Rgb<u8>, impl Deref<Target = [u8]>>,
+    weight: Option<&Mask>,
+    factor: u32,
+) -> RgbImage {
     RgbImage::from_fn(image.width() / factor, image.height() / factor, |u, v| {
         let mean = |weight_of: &dyn Fn(u32, u32) -> u64| {
             let (mut sum, mut total) = ([0u64; 3], 0);
@@ -26,7 +56,7 @@ pub(super) fn downscale_image(image: &RgbImage, weight: Option<&Mask>, factor: u
 }
 
 /// The mean coverage of each block.
-pub(super) fn downscale_mask(mask: &Mask, factor: u32) -> Mask {
+pub(crate) fn downscale_mask(mask: &Mask, factor: u32) -> Mask {
     let (width, height) = mask.size();
     let area = u64::from(factor) * u64::from(factor);
     let coverage = GrayImage::from_fn(width / factor, height / factor, |u, v| {
@@ -38,7 +68,7 @@ pub(super) fn downscale_mask(mask: &Mask, factor: u32) -> Mask {
 
 /// The depth nearest to the middle of each block among those that are finite. Never a mean: between the object and
 /// what is behind it there is nothing.
-pub(super) fn downscale_depth(depth: &DepthMap, factor: u32) -> DepthMap {
+pub(crate) fn downscale_depth(depth: &DepthMap, factor: u32) -> DepthMap {
     let (width, height) = (depth.width / factor, depth.height / factor);
     // Twice the distance to the middle of the block, so that it is an integer.
     let off_middle = |x: u32| i64::from(2 * (x % factor) + 1) - i64::from(factor);
@@ -56,7 +86,7 @@ pub(super) fn downscale_depth(depth: &DepthMap, factor: u32) -> DepthMap {
 }
 
 /// The camera of the smaller picture, exactly: a rest at the right and lower edge is cut off first.
-pub(super) fn downscale_camera(camera: &Camera, factor: u32) -> Camera {
+pub(crate) fn downscale_camera(camera: &Camera, factor: u32) -> Camera {
     let (width, height) = (camera.width / factor, camera.height / factor);
     let cropped = Camera { width: width * factor, height: height * factor, ..camera.clone() };
     cropped.resized(width, height)
@@ -89,6 +119,22 @@ mod tests {
         assert_eq!(downscale_image(&image, Some(&alpha), 2).get_pixel(0, 0), &Rgb([200; 3]));
         let nothing = Mask::from(GrayImage::new(2, 2));
         assert_eq!(downscale_image(&image, Some(&nothing), 2).get_pixel(0, 0), &Rgb([100; 3]));
+    }
+
+    #[test]
+    fn a_view_becomes_smaller_with_all_that_belongs_to_it() {
+        let camera = Camera::look_at(5, 4, 6.0, DVec3::Z, DVec3::ZERO, DVec3::Y);
+        let image = RgbImage::from_fn(5, 4, |u, _| Rgb(if u % 2 == 0 { [200; 3] } else { [0; 3] }));
+        let alpha = Mask::from(GrayImage::from_fn(5, 4, |u, _| Luma([if u % 2 == 0 { 255 } else { 0 }])));
+        let depth = DepthMap { width: 5, height: 4, z_depth: vec![1.5; 20] };
+        let view = View { depth: Some(depth), ..View::new("a", camera, stored(image), alpha) };
+        let small = view.downscaled(2);
+        assert_eq!((small.camera.width, small.camera.height, small.image.dimensions()), (2, 2, (2, 2)));
+        assert_eq!((small.image.get_pixel(0, 0).0, small.mask.as_ref().unwrap().size()), ([100; 3], (2, 2)));
+        assert_eq!(small.depth.unwrap().z_depth, [1.5; 4]);
+        let transparent = View { mask_source: MaskSource::Alpha, ..view };
+        assert_eq!(transparent.downscaled(2).image.get_pixel(0, 0).0, [200; 3], "what is transparent has no colour");
+        assert_eq!(transparent.downscaled(1).image, transparent.image);
     }
 
     #[test]
