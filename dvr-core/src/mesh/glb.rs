@@ -3,14 +3,11 @@
 use glam::Vec3;
 use serde_json::{Value, json};
 
+use super::glb_buffer::{GlbBuffer, container};
 use super::triangle_mesh::Mesh;
+use super::uv_vertices::UvVertices;
+use super::write_textured::{Look, StoredTexture};
 use crate::srgb::srgb_to_linear;
-
-// Names of the specification's numbers.
-const FLOAT: u32 = 5126;
-const UNSIGNED_INT: u32 = 5125;
-const ARRAY_BUFFER: u32 = 34962;
-const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 
 /// The mesh as a GLB with one rough, two-sided material; vertex colours are stored linear, as glTF defines `COLOR_0`.
 ///
@@ -21,105 +18,78 @@ const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 /// A mesh without faces gives a valid file without a scene.
 pub(super) fn encode(mesh: &Mesh) -> Vec<u8> {
     let mut file = GlbBuffer::default();
-    let mut root = json!({ "asset": { "version": "2.0", "generator": "dvr" } });
-    if !mesh.is_empty() {
-        let mut attributes = json!({ "POSITION": file.positions(&mesh.vertices) });
-        if let Some(normals) = &mesh.normals {
-            // The specification wants unit length, also where a vertex has no normal.
-            let unit = normals.iter().flat_map(|n| n.normalize_or(Vec3::Y).to_array());
-            attributes["NORMAL"] = file.vectors(unit, normals.len()).into();
-        }
-        if let Some(colors) = &mesh.colors {
-            let linear = colors.iter().flatten().map(|&c| srgb_to_linear(c.clamp(0.0, 1.0)));
-            attributes["COLOR_0"] = file.vectors(linear, colors.len()).into();
-        }
-        if let Some(observations) = &mesh.observations {
-            let confidence = observations.iter().map(|observation| observation.confidence);
-            attributes["_CONFIDENCE"] = file.scalars(confidence, observations.len()).into();
-            let views = observations.iter().map(|observation| f32::from(observation.views));
-            attributes["_VIEWS"] = file.scalars(views, observations.len()).into();
-        }
-        let indices = file.indices(&mesh.faces);
-        root["scene"] = 0.into();
-        root["scenes"] = json!([{ "nodes": [0] }]);
-        root["nodes"] = json!([{ "mesh": 0 }]);
-        root["meshes"] = json!([{ "primitives": [{ "attributes": attributes, "indices": indices, "material": 0 }] }]);
-        root["materials"] = json!([{
-            "doubleSided": true,
-            "pbrMetallicRoughness": { "metallicFactor": 0.0, "roughnessFactor": 1.0 },
-        }]);
-        root["accessors"] = file.accessors.into();
-        root["bufferViews"] = file.views.into();
-        root["buffers"] = json!([{ "byteLength": file.bytes.len() }]);
+    if mesh.is_empty() {
+        return container(root().to_string().into_bytes(), file.bytes);
     }
+    let attributes = attributes(&mut file, mesh);
+    finished(file, mesh, attributes, rough_material(), root())
+}
+
+/// A mesh with one texture as a GLB: vertices as [`UvVertices`] has them, the picture inside the file as it is given.
+/// [`Look::Baked`] adds `KHR_materials_unlit`: what photographs show is lit already.
+pub(super) fn encode_textured(split: &UvVertices, texture: &StoredTexture, look: Look) -> Vec<u8> {
+    let mut file = GlbBuffer::default();
+    let mut root = root();
+    let mut attributes = attributes(&mut file, &split.mesh);
+    attributes["TEXCOORD_0"] = file.uvs(&split.uvs).into();
+    let view = file.file(texture.bytes.iter().copied());
+    root["images"] = json!([{ "bufferView": view, "mimeType": texture.mime_type, "name": "base_color" }]);
+    root["samplers"] =
+        json!([{ "magFilter": LINEAR, "minFilter": LINEAR_MIPMAP_LINEAR, "wrapS": CLAMP, "wrapT": CLAMP }]);
+    root["textures"] = json!([{ "source": 0, "sampler": 0 }]);
+    let mut material = rough_material();
+    material["pbrMetallicRoughness"]["baseColorTexture"] = json!({ "index": 0 });
+    if look == Look::Baked {
+        material["extensions"] = json!({ "KHR_materials_unlit": {} });
+        root["extensionsUsed"] = json!(["KHR_materials_unlit"]);
+    }
+    finished(file, &split.mesh, attributes, material, root)
+}
+
+// Names of the specification's numbers (section 5.26).
+const LINEAR: u32 = 9729;
+const LINEAR_MIPMAP_LINEAR: u32 = 9987;
+const CLAMP: u32 = 33071;
+
+fn root() -> Value {
+    json!({ "asset": { "version": "2.0", "generator": "dvr" } })
+}
+
+fn rough_material() -> Value {
+    json!({ "doubleSided": true, "pbrMetallicRoughness": { "metallicFactor": 0.0, "roughnessFactor": 1.0 } })
+}
+
+/// What is known per vertex.
+fn attributes(file: &mut GlbBuffer, mesh: &Mesh) -> Value {
+    let mut attributes = json!({ "POSITION": file.positions(&mesh.vertices) });
+    if let Some(normals) = &mesh.normals {
+        // The specification wants unit length, also where a vertex has no normal.
+        let unit = normals.iter().flat_map(|n| n.normalize_or(Vec3::Y).to_array());
+        attributes["NORMAL"] = file.vectors(unit, normals.len()).into();
+    }
+    if let Some(colors) = &mesh.colors {
+        let linear = colors.iter().flatten().map(|&c| srgb_to_linear(c.clamp(0.0, 1.0)));
+        attributes["COLOR_0"] = file.vectors(linear, colors.len()).into();
+    }
+    if let Some(observations) = &mesh.observations {
+        let confidence = observations.iter().map(|observation| observation.confidence);
+        attributes["_CONFIDENCE"] = file.scalars(confidence, observations.len()).into();
+        let views = observations.iter().map(|observation| f32::from(observation.views));
+        attributes["_VIEWS"] = file.scalars(views, observations.len()).into();
+    }
+    attributes
+}
+
+/// The file of one mesh with one material.
+fn finished(mut file: GlbBuffer, mesh: &Mesh, attributes: Value, material: Value, mut root: Value) -> Vec<u8> {
+    let indices = file.indices(&mesh.faces);
+    root["scene"] = 0.into();
+    root["scenes"] = json!([{ "nodes": [0] }]);
+    root["nodes"] = json!([{ "mesh": 0 }]);
+    root["meshes"] = json!([{ "primitives": [{ "attributes": attributes, "indices": indices, "material": 0 }] }]);
+    root["materials"] = json!([material]);
+    root["accessors"] = file.accessors.into();
+    root["bufferViews"] = file.views.into();
+    root["buffers"] = json!([{ "byteLength": file.bytes.len() }]);
     container(root.to_string().into_bytes(), file.bytes)
-}
-
-/// The binary chunk and what describes it. Every element is four bytes long, so every offset is aligned.
-#[derive(Default)]
-struct GlbBuffer {
-    bytes: Vec<u8>,
-    views: Vec<Value>,
-    accessors: Vec<Value>,
-}
-
-impl GlbBuffer {
-    fn view(&mut self, bytes: impl Iterator<Item = u8>, target: u32) -> usize {
-        let offset = self.bytes.len();
-        self.bytes.extend(bytes);
-        let length = self.bytes.len() - offset;
-        self.views.push(json!({ "buffer": 0, "byteOffset": offset, "byteLength": length, "target": target }));
-        self.views.len() - 1
-    }
-
-    fn vectors(&mut self, values: impl Iterator<Item = f32>, count: usize) -> usize {
-        self.floats(values, count, "VEC3")
-    }
-
-    fn scalars(&mut self, values: impl Iterator<Item = f32>, count: usize) -> usize {
-        self.floats(values, count, "SCALAR")
-    }
-
-    fn floats(&mut self, values: impl Iterator<Item = f32>, count: usize, kind: &str) -> usize {
-        let view = self.view(values.flat_map(f32::to_le_bytes), ARRAY_BUFFER);
-        self.accessors.push(json!({ "bufferView": view, "componentType": FLOAT, "count": count, "type": kind }));
-        self.accessors.len() - 1
-    }
-
-    fn positions(&mut self, vertices: &[Vec3]) -> usize {
-        let index = self.vectors(vertices.iter().flat_map(Vec3::to_array), vertices.len());
-        let low = vertices.iter().copied().fold(Vec3::INFINITY, Vec3::min);
-        let high = vertices.iter().copied().fold(Vec3::NEG_INFINITY, Vec3::max);
-        self.accessors[index]["min"] = json!(low.to_array());
-        self.accessors[index]["max"] = json!(high.to_array());
-        index
-    }
-
-    fn indices(&mut self, faces: &[[u32; 3]]) -> usize {
-        let view = self.view(faces.iter().flatten().flat_map(|i| i.to_le_bytes()), ELEMENT_ARRAY_BUFFER);
-        let count = 3 * faces.len();
-        let accessor = json!({ "bufferView": view, "componentType": UNSIGNED_INT, "count": count, "type": "SCALAR" });
-        self.accessors.push(accessor);
-        self.accessors.len() - 1
-    }
-}
-
-/// Header and chunks (section 4 of the specification), padded to four bytes: JSON with spaces, data with zeros.
-fn container(mut json: Vec<u8>, mut data: Vec<u8>) -> Vec<u8> {
-    json.resize(json.len().next_multiple_of(4), b' ');
-    data.resize(data.len().next_multiple_of(4), 0);
-    let data_chunk = if data.is_empty() { 0 } else { 8 + data.len() };
-    let mut bytes = Vec::with_capacity(20 + json.len() + data_chunk);
-    bytes.extend(b"glTF");
-    bytes.extend(2u32.to_le_bytes());
-    bytes.extend(((20 + json.len() + data_chunk) as u32).to_le_bytes());
-    bytes.extend((json.len() as u32).to_le_bytes());
-    bytes.extend(b"JSON");
-    bytes.extend(&json);
-    if !data.is_empty() {
-        bytes.extend((data.len() as u32).to_le_bytes());
-        bytes.extend(b"BIN\0");
-        bytes.extend(&data);
-    }
-    bytes
 }

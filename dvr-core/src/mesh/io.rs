@@ -60,11 +60,11 @@ pub fn write_mesh(path: impl AsRef<Path>, mesh: &Mesh) -> crate::Result<()> {
     write_bytes_atomically(path, &bytes)
 }
 
-fn extension(path: &Path) -> String {
+pub(super) fn extension(path: &Path) -> String {
     path.extension().unwrap_or_default().to_string_lossy().to_lowercase()
 }
 
-fn unknown_format(path: &Path, extension: &str, known: &str) -> Error {
+pub(super) fn unknown_format(path: &Path, extension: &str, known: &str) -> Error {
     Error::format(path, format!("`{extension}` is not a mesh format that is known here"), format!("Use {known}."))
 }
 

@@ -16,6 +16,7 @@ use super::problem::Problem;
 use super::texture_file::{Textures, find_reference};
 use super::textured_mesh::{Material, TexturedMesh};
 use super::triangle_mesh::Mesh;
+use super::uv_vertices::UvVertices;
 use crate::files::{read_bytes, shortened};
 
 /// One corner of a face: position, texture coordinate and normal, counted from 0.
@@ -254,6 +255,36 @@ fn not_a_number(word: &str) -> String {
 
 /// The mesh as OBJ text; normals belong to the vertices, so each index serves both.
 pub(super) fn encode(mesh: &Mesh) -> Vec<u8> {
+    let mut text = vertices(mesh);
+    for face in &mesh.faces {
+        let [a, b, c] = face.map(|i| u64::from(i) + 1);
+        let _ = match mesh.normals {
+            Some(_) => writeln!(text, "f {a}//{a} {b}//{b} {c}//{c}"),
+            None => writeln!(text, "f {a} {b} {c}"),
+        };
+    }
+    text.into_bytes()
+}
+
+/// The mesh with the texture coordinates of its split form, and one material of a library beside the file.
+pub(super) fn encode_textured(mesh: &Mesh, split: &UvVertices, library: &str, material: &str) -> Vec<u8> {
+    let mut text = vertices(mesh);
+    for uv in &split.uvs {
+        let _ = writeln!(text, "vt {} {}", uv.x, uv.y);
+    }
+    let _ = writeln!(text, "mtllib {library}\nusemtl {material}");
+    for (face, uvs) in mesh.faces.iter().zip(&split.mesh.faces) {
+        let corner = |k: usize| {
+            let (vertex, uv) = (u64::from(face[k]) + 1, u64::from(uvs[k]) + 1);
+            if mesh.normals.is_some() { format!("{vertex}/{uv}/{vertex}") } else { format!("{vertex}/{uv}") }
+        };
+        let _ = writeln!(text, "f {} {} {}", corner(0), corner(1), corner(2));
+    }
+    text.into_bytes()
+}
+
+/// Positions, with colours where there are any, and normals.
+fn vertices(mesh: &Mesh) -> String {
     let mut text = String::from("# dvr\n");
     // Writing to a string cannot fail.
     for (i, v) in mesh.vertices.iter().enumerate() {
@@ -265,14 +296,7 @@ pub(super) fn encode(mesh: &Mesh) -> Vec<u8> {
     for n in mesh.normals.iter().flatten() {
         let _ = writeln!(text, "vn {} {} {}", n.x, n.y, n.z);
     }
-    for face in &mesh.faces {
-        let [a, b, c] = face.map(|i| u64::from(i) + 1);
-        let _ = match mesh.normals {
-            Some(_) => writeln!(text, "f {a}//{a} {b}//{b} {c}//{c}"),
-            None => writeln!(text, "f {a} {b} {c}"),
-        };
-    }
-    text.into_bytes()
+    text
 }
 
 #[cfg(test)]

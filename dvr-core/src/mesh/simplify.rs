@@ -29,13 +29,7 @@ impl Mesh {
             }
             *index = new_index[old];
         }
-        Self {
-            vertices: used.iter().map(|&i| self.vertices[i]).collect(),
-            faces,
-            normals: self.normals.as_ref().map(|normals| used.iter().map(|&i| normals[i]).collect()),
-            colors: self.colors.as_ref().map(|colors| used.iter().map(|&i| colors[i]).collect()),
-            observations: self.observations.as_ref().map(|seen| used.iter().map(|&i| seen[i]).collect()),
-        }
+        self.with_vertices(&used, faces)
     }
 }
 

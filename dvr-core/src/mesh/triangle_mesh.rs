@@ -45,4 +45,15 @@ impl Mesh {
         }
         self
     }
+
+    /// Other faces, over copies of these vertices with all that is known of them.
+    pub(super) fn with_vertices(&self, sources: &[usize], faces: Vec<[u32; 3]>) -> Self {
+        Self {
+            vertices: sources.iter().map(|&i| self.vertices[i]).collect(),
+            faces,
+            normals: self.normals.as_ref().map(|normals| sources.iter().map(|&i| normals[i]).collect()),
+            colors: self.colors.as_ref().map(|colors| sources.iter().map(|&i| colors[i]).collect()),
+            observations: self.observations.as_ref().map(|seen| sources.iter().map(|&i| seen[i]).collect()),
+        }
+    }
 }

@@ -1,0 +1,84 @@
+//! Writing a mesh with a texture: GLB with the picture inside, or OBJ with its material and picture beside it.
+
+use std::path::Path;
+
+use image::codecs::jpeg::JpegEncoder;
+use image::{ExtendedColorType, ImageEncoder, RgbImage};
+
+use super::io::{extension, unknown_format, write_mesh};
+use super::textured_mesh::TexturedMesh;
+use super::uv_vertices::UvVertices;
+use super::{glb, obj};
+use crate::error::{Error, Result};
+use crate::files::{write_bytes_atomically, write_rgb_png};
+
+/// Quality of the JPEG inside a GLB, in per cent: its errors are below those of the photographs, a fifth of a PNG's
+/// bytes.
+const JPEG_QUALITY: u8 = 95;
+
+/// What a viewer does with the colours of a texture.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Look {
+    /// Shows them as they are: the light of the photographs is in them (`KHR_materials_unlit`).
+    #[default]
+    Baked,
+    /// Lights them, as a rough surface that is no metal.
+    Material,
+}
+
+/// A picture as it is stored inside a file.
+pub(super) struct StoredTexture {
+    pub bytes: Vec<u8>,
+    pub mime_type: &'static str,
+}
+
+/// Writes a mesh with the texture of its first material, by the path's extension: GLB with the texture inside as JPEG,
+/// or OBJ, with an MTL and a PNG of the same name beside it. A mesh without texture, and a PLY, which has none, are
+/// written as [`write_mesh`] does.
+///
+/// Each file appears whole or not at all; of an OBJ, the file that names the others comes last. OBJ knows no unlit
+/// material: `illum 0` says it of [`Look::Baked`].
+///
+/// # Errors
+/// When the extension is none of these, or a file cannot be written.
+pub fn write_textured_mesh(path: impl AsRef<Path>, textured: &TexturedMesh, look: Look) -> Result<()> {
+    let path = path.as_ref();
+    let texture = textured.materials.first().and_then(|material| material.texture.as_ref());
+    let (Some(texture), "glb" | "obj") = (texture, extension(path).as_str()) else {
+        if !["ply", "glb", "obj"].contains(&extension(path).as_str()) {
+            return Err(unknown_format(path, &extension(path), "GLB, OBJ or PLY"));
+        }
+        return write_mesh(path, &textured.mesh);
+    };
+    let split = UvVertices::of(textured);
+    let picture = RgbImage::from_fn(texture.width(), texture.height(), |u, v| {
+        let [r, g, b, _] = texture.get_pixel(u, v).0;
+        image::Rgb([r, g, b])
+    });
+    if extension(path) == "glb" {
+        let texture = StoredTexture { bytes: jpeg(path, &picture)?, mime_type: "image/jpeg" };
+        return write_bytes_atomically(path, &glb::encode_textured(&split, &texture, look));
+    }
+    let (library, texture) = (path.with_extension("mtl"), path.with_extension("png"));
+    write_rgb_png(&texture, &picture)?;
+    let illumination = if look == Look::Baked { 0 } else { 1 };
+    let material =
+        format!("# dvr\nnewmtl {MATERIAL}\nKd 1 1 1\nillum {illumination}\nmap_Kd {}\n", file_name(&texture));
+    write_bytes_atomically(&library, material.as_bytes())?;
+    write_bytes_atomically(path, &obj::encode_textured(&textured.mesh, &split, &file_name(&library), MATERIAL))
+}
+
+/// The one material of an OBJ.
+const MATERIAL: &str = "textured";
+
+fn file_name(path: &Path) -> String {
+    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+fn jpeg(path: &Path, picture: &RgbImage) -> Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    JpegEncoder::new_with_quality(&mut bytes, JPEG_QUALITY)
+        .write_image(picture, picture.width(), picture.height(), ExtendedColorType::Rgb8)
+        .map_err(|error| Error::io(path, std::io::Error::other(error)))?;
+    Ok(bytes)
+}
