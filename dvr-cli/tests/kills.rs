@@ -74,8 +74,6 @@ fn results(run: &Path) -> BTreeMap<String, Vec<u8>> {
             Some("ckpt" | "dvr") => {
                 let Checkpoint { mut header, state } = Checkpoint::load(&path).unwrap();
                 header.seconds = 0.0;
-                // Reading a number's text may miss its last digit; what was trained does not depend on this one.
-                header.object_to_world.scale = f64::from(header.object_to_world.scale as f32);
                 results.insert(format!("{name}: header"), serde_json::to_vec(&header).unwrap());
                 if header.method.method == "grid" {
                     results.insert(format!("{name}: training"), state.training);

@@ -1,5 +1,5 @@
-//! Figures that come back from JSON bit for bit: reading its text may miss the last digit of a number, and a run that
-//! was resumed must not differ from one that was not.
+//! Figures that come back from JSON whatever they are: it has no infinity, which is the PSNR of a perfect picture, and a
+//! run that was resumed must not differ from one that was not.
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 

@@ -47,7 +47,7 @@ pub fn kept<T: DeserializeOwned>(path: &Path, key: &RecordKey) -> Result<Kept<T>
     serde_json::from_value(part("row")).map(Kept::Row).with_context(damaged)
 }
 
-/// Keeps a row, and returns it as it will be read: numbers may differ in their last digit from those that were given.
+/// Keeps a row, and returns it as it will be read: JSON has no infinity.
 ///
 /// # Errors
 /// When it cannot be written.

@@ -101,8 +101,6 @@ pub struct StoredResults {
 pub struct Results {
     path: PathBuf,
     file: File,
-    /// The lines of the scores, as they were written: printing numbers again may change their last digit.
-    lines: Vec<String>,
     /// What was measured.
     pub measurement: Measurement,
     /// The figures so far.
@@ -118,22 +116,20 @@ impl Results {
     /// # Errors
     /// When the file cannot be read or written, or holds another measurement.
     pub fn open(path: &Path, measurement: Measurement) -> Result<Self> {
-        let (mut scores, mut lines) = (Vec::new(), Vec::new());
+        let mut scores = Vec::new();
         if path.exists() {
             let (earlier, found) = read_rows(path)?;
             if earlier != measurement {
                 let difference = difference(&earlier, &measurement);
                 return Err(Error::OtherMeasurement { path: path.to_owned(), difference });
             }
-            for (row, line) in found {
-                if let Row::Score(score) = row {
-                    scores.push(*score);
-                    lines.push(line);
-                }
-            }
+            scores.extend(found.into_iter().filter_map(|row| match row {
+                Row::Score(score) => Some(*score),
+                Row::Unmeasured(_) => None,
+            }));
         }
-        let file = rewritten(path, &measurement, &lines)?;
-        Ok(Self { path: path.to_owned(), file, lines, measurement, scores, unmeasured: Vec::new() })
+        let file = rewritten(path, &measurement, &scores)?;
+        Ok(Self { path: path.to_owned(), file, measurement, scores, unmeasured: Vec::new() })
     }
 
     /// Keeps the figures that are `current` and drops all others, here and in the file; returns how many were dropped.
@@ -142,11 +138,10 @@ impl Results {
     /// When the file cannot be written.
     pub fn keep(&mut self, current: impl Fn(&ObjectScore) -> bool) -> Result<usize> {
         let before = self.scores.len();
-        let rows = std::mem::take(&mut self.scores).into_iter().zip(std::mem::take(&mut self.lines));
-        (self.scores, self.lines) = rows.filter(|(score, _)| current(score)).unzip();
+        self.scores.retain(current);
         let dropped = before - self.scores.len();
         if dropped > 0 {
-            self.file = rewritten(&self.path, &self.measurement, &self.lines)?;
+            self.file = rewritten(&self.path, &self.measurement, &self.scores)?;
         }
         Ok(dropped)
     }
@@ -163,9 +158,8 @@ impl Results {
     pub fn add(&mut self, score: ObjectScore) -> Result<()> {
         let line = line(&self.path, &score)?;
         self.file.write_all(line.as_bytes()).map_err(|e| dvr_core::Error::io(&self.path, e))?;
-        // As a later run will read it: to the last digit the same means, however often the work was stopped.
+        // As a later run will read it: JSON has no infinity.
         self.scores.push(parse(&self.path, self.scores.len() + 1, &line)?);
-        self.lines.push(line);
         Ok(())
     }
 
@@ -188,7 +182,7 @@ impl Results {
 pub fn read_results(path: &Path) -> Result<StoredResults> {
     let (measurement, rows) = read_rows(path)?;
     let mut stored = StoredResults { measurement, scores: Vec::new(), unmeasured: Vec::new() };
-    for (row, _) in rows {
+    for row in rows {
         match row {
             Row::Score(score) => stored.scores.push(*score),
             Row::Unmeasured(object) => stored.unmeasured.push(object),
@@ -197,8 +191,8 @@ pub fn read_results(path: &Path) -> Result<StoredResults> {
     Ok(stored)
 }
 
-/// The rows of a file, each with its line.
-fn read_rows(path: &Path) -> Result<(Measurement, Vec<(Row, String)>)> {
+/// The rows of a file.
+fn read_rows(path: &Path) -> Result<(Measurement, Vec<Row>)> {
     let text = dvr_core::files::read_text(path)?;
     let mut lines = text.split_inclusive('\n').enumerate();
     let (number, first) = lines.next().unwrap_or((0, ""));
@@ -208,12 +202,13 @@ fn read_rows(path: &Path) -> Result<(Measurement, Vec<(Row, String)>)> {
         return Err(refuse(path, problem));
     }
     let whole = lines.filter(|(_, line)| line.ends_with('\n'));
-    let rows = whole.map(|(number, line)| Ok((parse(path, number, line)?, line.to_owned())));
+    let rows = whole.map(|(number, line)| parse(path, number, line));
     Ok((measurement, rows.collect::<Result<_>>()?))
 }
 
-/// Writes the file with these lines, and opens it to add more.
-fn rewritten(path: &Path, measurement: &Measurement, lines: &[String]) -> Result<File> {
+/// Writes the file with these figures, and opens it to add more.
+fn rewritten(path: &Path, measurement: &Measurement, scores: &[ObjectScore]) -> Result<File> {
+    let lines: Vec<String> = scores.iter().map(|score| line(path, score)).collect::<Result<_>>()?;
     let text = line(path, measurement)? + &lines.concat();
     dvr_core::files::write_bytes_atomically(path, text.as_bytes())?;
     Ok(OpenOptions::new().append(true).open(path).map_err(|e| dvr_core::Error::io(path, e))?)

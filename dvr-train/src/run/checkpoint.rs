@@ -116,3 +116,40 @@ impl Checkpoint {
         Ok(Self { header, state: LearnerState { model: blob("model")?, training: blob("training")? } })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use dvr_core::Supervision;
+
+    use super::*;
+    use crate::methods::method_by_name;
+
+    #[test]
+    fn every_number_comes_back_bit_for_bit() {
+        let method = method_by_name("grid", Supervision::Rgb).unwrap();
+        // Numbers whose text a quick parser misreads by one unit in the last place.
+        let numbers = [0.47960756426982587, 0.19813640638684982, 0.9519560284026387];
+        let [scale, psnr, mask_iou] = numbers;
+        let header = CheckpointHeader {
+            version: CHECKPOINT_VERSION,
+            method: method.record().unwrap(),
+            common: method.common(),
+            step: 7,
+            seconds: 0.9259338926496359,
+            best: Some(Best { step: 5, psnr, mask_iou }),
+            scene: "scene".into(),
+            reading: serde_json::json!({ "numbers": numbers }),
+            object_to_world: Similarity { scale, translation: numbers.into(), ..Similarity::default() },
+            views: None,
+            cameras: BTreeMap::new(),
+            refine_cameras: 0,
+            exposures: BTreeMap::new(),
+            notes: Vec::new(),
+        };
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("last.ckpt");
+        let state = LearnerState { model: vec![1], training: vec![2, 3] };
+        Checkpoint { header: header.clone(), state }.save(&path).unwrap();
+        assert_eq!(Checkpoint::load(&path).unwrap().header, header);
+    }
+}
