@@ -2,6 +2,7 @@
 
 mod support;
 
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::process::Output;
 
@@ -107,6 +108,29 @@ fn test_pictures_change_the_final_figures_and_nothing_else() {
 }
 
 #[test]
+fn alpha_of_test_pictures_does_not_say_where_the_object_is() {
+    let tiny = Tiny::new();
+    let [scene, clean, spoiled] = ["nerf", "clean", "spoiled"].map(|name| tiny.path(name));
+    nerf(&tiny, &scene, &[("", 0..12)]);
+    succeeds(&train(&scene, &clean, &[]));
+    assert_eq!(figures(&clean)["views"]["test"], serde_json::json!(["0004"]));
+    emptied(&scene.join("0004.png"));
+    succeeds(&train(&scene, &spoiled, &[]));
+    assert!(field(&clean) == field(&spoiled), "bit for bit");
+    emptied(&scene.join("0005.png"));
+    succeeds(&train(&scene, &spoiled, &["--overwrite"]));
+    assert!(field(&clean) != field(&spoiled), "a view to train on does");
+}
+
+/// Takes the object out of a picture's alpha channel, but for its upper half.
+fn emptied(path: &Path) {
+    let mut picture = image::open(path).unwrap().into_rgba8();
+    let height = picture.height();
+    picture.enumerate_pixels_mut().filter(|(_, v, _)| 2 * v > height).for_each(|(_, _, pixel)| pixel.0[3] = 0);
+    picture.save(path).unwrap();
+}
+
+#[test]
 fn a_photograph_that_comes_later_is_left_out_and_the_run_ends_as_without_it() {
     let tiny = Tiny::new();
     let (scene, [whole, parts]) = (tiny.scene(), ["whole", "parts"].map(|run| tiny.path(run)));
@@ -170,15 +194,18 @@ fn few_views_lose_one_or_none_and_the_run_says_which() {
     assert!(figures["test"].is_null(), "{figures}");
 }
 
-/// The tiny scene in NeRF's layout: 9 views to train on, the last but one and the last to validate and to test.
-fn nerf(tiny: &Tiny, scene: &Path) {
+/// The tiny scene in NeRF's layout, with views for these purposes; for none, the dataset does not say.
+fn nerf(tiny: &Tiny, scene: &Path, parts: &[(&str, Range<usize>)]) {
     let found = read_scene(&tiny.scene(), &ReadOptions::default()).unwrap();
     let cameras: Vec<Camera> = found.views.iter().map(|view| view.camera.into_world(&found.object_to_world)).collect();
-    for (split, range) in [("train", 0..9), ("val", 9..10), ("test", 10..12)] {
+    for (split, range) in parts.iter().cloned() {
         std::fs::create_dir_all(scene.join(split)).unwrap();
-        let names: Vec<String> = range.clone().map(|i| format!("{split}/{}.png", found.views[i].name)).collect();
+        let folder = Path::new(split);
+        let name = |i: usize| folder.join(format!("{}.png", found.views[i].name)).display().to_string();
+        let names: Vec<String> = range.clone().map(name).collect();
         let frames = names.iter().map(String::as_str).zip(&cameras[range.clone()]);
-        write_transforms(&scene.join(format!("transforms_{split}.json")), frames).unwrap();
+        let file = if split.is_empty() { "transforms.json".to_owned() } else { format!("transforms_{split}.json") };
+        write_transforms(&scene.join(file), frames).unwrap();
         names.iter().zip(&found.views[range]).for_each(|(name, view)| with_alpha(view).save(scene.join(name)).unwrap());
     }
 }
@@ -196,7 +223,7 @@ fn with_alpha(view: &View) -> RgbaImage {
 fn a_dataset_that_says_what_its_views_are_for_is_believed() {
     let tiny = Tiny::new();
     let (scene, run, spoiled) = (tiny.path("nerf"), tiny.path("run"), tiny.path("spoiled"));
-    nerf(&tiny, &scene);
+    nerf(&tiny, &scene, &[("train", 0..9), ("val", 9..10), ("test", 10..12)]);
     let output = train(&scene, &run, &[]);
     succeeds(&output);
     let said = said(&output);

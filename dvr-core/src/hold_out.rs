@@ -8,6 +8,9 @@ use crate::view_split::ViewNames;
 const FEWEST: usize = 5;
 
 /// With fewer views than this, one is left out for testing, and none for validation.
+///
+/// Pixels of training views, kept back, would be no validation in place of a view: the surface there is learned all the
+/// same, by the masks and by the rays of other views, whose photographs are compared with just these pixels.
 const FEW: usize = 12;
 
 /// One view in this many is for testing where nothing is said.
@@ -18,14 +21,17 @@ impl Scene {
     /// testing and one in `2 * every` for validation, evenly spread over the views in the order of their names. The
     /// result depends on names alone. 0 and 1 hold nothing out.
     ///
+    /// Where the object is was decided when the scene was read: give the same share as
+    /// [`ReadOptions::hold_out_every`](crate::dataset::ReadOptions::hold_out_every), so that views for testing had no
+    /// say in that.
+    ///
     /// Of fewer than twelve views, one is for testing and none for validation; of fewer than five, all are trained on.
     /// What the dataset itself keeps for validation or for testing stays as it is. The rule that held is part of the
     /// result.
     pub fn hold_out(&mut self, every: usize) -> ViewNames {
         let has = |split| self.views_of(split).next().is_some();
         let (has_validation, has_test) = (has(Split::Val), has(Split::Test));
-        let mut train: Vec<usize> = (0..self.views.len()).filter(|&i| self.views[i].split == Split::Train).collect();
-        train.sort_by(|&a, &b| natural_order(&self.views[a].name, &self.views[b].name));
+        let train = in_order(&self.views.iter().map(|view| (view.name.as_str(), view.split)).collect::<Vec<_>>());
         let count = train.len();
         let HeldOut { validation, test } = HeldOut::of(count, every);
         let mut rule = match () {
@@ -50,6 +56,24 @@ impl Scene {
         }
         ViewNames::of(self, rule)
     }
+}
+
+/// Which of these views, by name and by what the dataset keeps them for, are for testing once [`Scene::hold_out`] has
+/// divided them.
+pub(crate) fn test_views(views: &[(&str, Split)], every: usize) -> Vec<bool> {
+    let mut test: Vec<bool> = views.iter().map(|&(_, split)| split == Split::Test).collect();
+    if !test.contains(&true) {
+        let train = in_order(views);
+        HeldOut::of(train.len(), every).test.into_iter().for_each(|i| test[train[i]] = true);
+    }
+    test
+}
+
+/// The views to train on, as far as the dataset says, in the order of their names.
+fn in_order(views: &[(&str, Split)]) -> Vec<usize> {
+    let mut train: Vec<usize> = (0..views.len()).filter(|&i| views[i].1 == Split::Train).collect();
+    train.sort_by(|&a, &b| natural_order(views[a].0, views[b].0));
+    train
 }
 
 /// Which of so many views, in the order of their names, [`Scene::hold_out`] takes.
@@ -144,6 +168,20 @@ mod tests {
             assert_eq!((test > 0, validation > 0), (count >= FEWEST, count >= FEW), "{count} with {every}");
             ViewSplit::of(&scene).unwrap();
         }
+    }
+
+    #[test]
+    fn the_views_for_testing_are_known_before_they_are_divided() {
+        for (count, every) in [(4, 8), (9, 8), (30, 8), (30, 3), (30, 0)] {
+            let mut scene = scene((0..count).rev().map(|i| format!("view_{i}")));
+            let before: Vec<(String, Split)> = scene.views.iter().map(|view| (view.name.clone(), view.split)).collect();
+            let before: Vec<(&str, Split)> = before.iter().map(|(name, split)| (name.as_str(), *split)).collect();
+            scene.hold_out(every);
+            let after: Vec<bool> = scene.views.iter().map(|view| view.split == Split::Test).collect();
+            assert_eq!(test_views(&before, every), after, "{count} views, one in {every}");
+        }
+        let of_dataset = [("a", Split::Train), ("b", Split::Test), ("c", Split::Val), ("d", Split::Train)];
+        assert_eq!(test_views(&of_dataset, 2), [false, true, false, false]);
     }
 
     #[test]

@@ -74,7 +74,7 @@ impl ViewNames {
     ///
     /// # Errors
     /// [`Error::ViewsUnknown`] naming the views that have no part here:
-    /// [`ReadOptions::only_views`](crate::dataset::ReadOptions::only_views) leaves them out.
+    /// [`ReadOptions::known_views`](crate::dataset::ReadOptions::known_views) leaves them out.
     pub fn apply(&self, scene: &mut Scene) -> Result<()> {
         let mut unknown = Vec::new();
         for view in &mut scene.views {

@@ -32,10 +32,16 @@ fn cameras() -> Vec<Camera> {
 
 /// Writes a scene in nerfstudio's layout and reads it.
 fn read(root: &Path, shown: impl Fn(&dvr_core::Ray) -> bool, points: &[DVec3]) -> Scene {
+    read_views(root, |_, ray| shown(ray), points)
+}
+
+/// The same with masks that differ from view to view.
+fn read_views(root: &Path, shown: impl Fn(usize, &dvr_core::Ray) -> bool, points: &[DVec3]) -> Scene {
     ["images", "masks"].iter().for_each(|name| std::fs::create_dir_all(root.join(name)).unwrap());
     let mut frames = Vec::new();
     for (i, camera) in cameras().iter().enumerate() {
-        let mask = GrayImage::from_fn(SIZE, SIZE, |u, v| Luma([if shown(&camera.pixel_ray(u, v)) { 255 } else { 0 }]));
+        let mask =
+            GrayImage::from_fn(SIZE, SIZE, |u, v| Luma([if shown(i, &camera.pixel_ray(u, v)) { 255 } else { 0 }]));
         RgbImage::from_pixel(SIZE, SIZE, Rgb([90; 3])).save(root.join(format!("images/{i:02}.png"))).unwrap();
         mask.save(root.join(format!("masks/{i:02}.png"))).unwrap();
         let (rotation, center) = (camera.rotation.transpose(), camera.center());
@@ -99,6 +105,31 @@ fn a_sound_hull_is_not_cut_by_points_that_cover_a_part() {
     let with = read(folder.path(), shown, &upper);
     assert!(with.sparse_points.is_some());
     assert_eq!((with.region, with.object_to_world), (without.region, without.object_to_world));
+}
+
+#[test]
+fn masks_of_views_for_testing_do_not_say_where_the_object_is_or_what_lies_on_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let cloud = points(200, 0.24);
+    // A half of the ball is missing in the masks of these views.
+    let reading = |halved: &[usize]| {
+        let shown = |i, ray: &dvr_core::Ray| {
+            let is_left = ray.origin.cross(ray.direction).dot(DVec3::Y) > 0.0;
+            ball(ray, 0.3) && !(halved.contains(&i) && is_left)
+        };
+        let scene = read_views(folder.path(), shown, &cloud);
+        let on_object = scene.sparse_points.as_ref().map(|sparse| sparse.cloud.points.clone());
+        (scene.region, scene.object_to_world, on_object)
+    };
+    let whole = reading(&[]);
+    assert_eq!(whole.2.as_ref().map(Vec::len), Some(cloud.len()));
+    // One in eight of eighteen.
+    let mut divided = read(folder.path(), |ray| ball(ray, 0.3), &cloud);
+    assert_eq!(divided.hold_out(8).test, ["04", "12"]);
+    assert_eq!(reading(&[4, 12]), whole);
+    let spoiled = reading(&[5, 13]);
+    assert!(spoiled.1 != whole.1, "the hull of the views to train on is another: {:?}", spoiled.1);
+    assert!(spoiled.2 != whole.2, "and so are the points on it");
 }
 
 #[test]

@@ -58,9 +58,8 @@ pub fn scene_of_run(
     let is_unknown = header.scene.as_os_str().is_empty();
     // An imported network has the object space of the files, as in DVR's reference code.
     options.normalise = if is_unknown { Normalise::Files } else { Normalise::Given(header.object_to_world) };
-    if let Some(views) = &header.views {
-        options.only_views = Some(views.all().map(str::to_owned).collect());
-    }
+    options.known_views = header.views.clone();
+    options.hold_out_every = header.common.hold_out_every;
     let path = match moved {
         Some(path) => path,
         None if is_unknown => bail!("the run was imported without its scene: give its folder with --data"),

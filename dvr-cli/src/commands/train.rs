@@ -112,7 +112,8 @@ fn read(
         return Ok((scene, checkpoint.header.reading.clone(), views));
     }
     let Some(path) = &args.scene else { bail!("no scene was given") };
-    let reading = SceneReading::of_arguments(&args.reading);
+    let mut reading = SceneReading::of_arguments(&args.reading);
+    reading.options.hold_out_every = method.common().hold_out_every;
     let divide = |scene: &mut Scene| Ok(scene.hold_out(method.common().hold_out_every));
     let (scene, views, refined) = reading.read(path, divide, cancellation)?;
     print_notes(&refinement_notes(&refined));

@@ -18,15 +18,15 @@ use crate::paged_images::PagedImages;
 use crate::pixels::stored;
 use crate::raster::{DepthMap, Mask};
 use crate::scene::{MaskSource, Split, View};
-use crate::view_split::abbreviated;
+use crate::view_split::{ViewNames, abbreviated};
 
 /// Drops the views that `options` leaves out, and renumbers the visibility of sparse points.
 ///
 /// # Errors
 /// [`Error::UnknownView`] where a view to leave out does not exist, [`Error::TooFewViews`] where fewer than two are left.
 pub(super) fn select_views(raw: &mut RawScene, options: &ReadOptions) -> Result<()> {
-    let keep = match &options.only_views {
-        Some(only) => keep_known(raw, options, only),
+    let keep = match &options.known_views {
+        Some(known) => keep_known(raw, options, known),
         None => keep_chosen(raw, options)?,
     };
     let new_index: Vec<Option<usize>> =
@@ -50,8 +50,8 @@ pub(super) fn select_views(raw: &mut RawScene, options: &ReadOptions) -> Result<
 }
 
 /// Which views were read before; warns of those that came since then.
-fn keep_known(raw: &mut RawScene, options: &ReadOptions, only: &[String]) -> Vec<bool> {
-    let keep: Vec<bool> = raw.views.iter().map(|view| only.contains(&view.name)).collect();
+fn keep_known(raw: &mut RawScene, options: &ReadOptions, known: &ViewNames) -> Vec<bool> {
+    let keep: Vec<bool> = raw.views.iter().map(|view| known.all().any(|name| name == view.name)).collect();
     let is_ignored = |i: usize, name: &String| {
         options.ignored_views.iter().any(|ignored| ignored == name || ignored.parse() == Ok(i))
     };

@@ -3,11 +3,12 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::options::Normalise;
+use super::options::{Normalise, ReadOptions};
 use super::raw_scene::{ObjectBounds, RawScene};
 use super::region_of_interest::{Place, by_masks};
 use crate::camera::Similarity;
 use crate::error::{Error, Result};
+use crate::hold_out::test_views;
 use crate::points::PointCloud;
 use crate::raster::Mask;
 use crate::ray::UnitCube;
@@ -16,6 +17,18 @@ use crate::scene::{Split, View};
 
 /// Share of the object's pixels that may look past the cube before a warning says so.
 const TOLERATED_OUTSIDE: f64 = 0.02;
+
+/// Which views have a say in where the object is and what lies on it: those that are not for testing, as long as two of
+/// them have masks.
+pub(super) fn asked_views(views: &[View], options: &ReadOptions) -> Vec<bool> {
+    let parts: Vec<(&str, Split)> = views.iter().map(|view| (view.name.as_str(), view.split)).collect();
+    let test = match &options.known_views {
+        Some(known) => parts.iter().map(|(name, _)| known.test.iter().any(|test| test == name)).collect(),
+        None => test_views(&parts, options.hold_out_every),
+    };
+    let others = views.iter().zip(&test).filter(|(view, test)| !**test && view.mask.is_some()).count();
+    test.into_iter().map(|test| others < 2 || !test).collect()
+}
 
 /// Moves views, ground truth and sparse points from the files' space to object space; returns `object_to_world`, and where
 /// in the unit cube the object is.
@@ -26,9 +39,10 @@ const TOLERATED_OUTSIDE: f64 = 0.02;
 pub(super) fn into_object_space(
     raw: &mut RawScene,
     views: &mut [View],
+    asked: &[bool],
     normalise: Normalise,
 ) -> Result<(Similarity, Region)> {
-    let Place { object_to_files, region, warnings } = place_of_object(raw, views, normalise)?;
+    let Place { object_to_files, region, warnings } = place_of_object(raw, views, asked, normalise)?;
     raw.warnings.extend(warnings);
     if object_to_files != Similarity::default() {
         for view in views.iter_mut() {
@@ -56,7 +70,7 @@ pub(super) fn into_object_space(
 }
 
 /// Asks whom `normalise` names for where the object is.
-fn place_of_object(raw: &RawScene, views: &[View], normalise: Normalise) -> Result<Place> {
+fn place_of_object(raw: &RawScene, views: &[View], asked: &[bool], normalise: Normalise) -> Result<Place> {
     Ok(match (normalise, raw.object_bounds) {
         (Normalise::Auto | Normalise::Files, ObjectBounds::UnitCube) => {
             Place::cube(Similarity::default(), RegionEvidence::Files)
@@ -68,7 +82,7 @@ fn place_of_object(raw: &RawScene, views: &[View], normalise: Normalise) -> Resu
         (Normalise::Given(object_to_world), _) => {
             Place::cube(compose(&raw.files_to_world.inverse(), &object_to_world), RegionEvidence::Given)
         }
-        (Normalise::Auto, ObjectBounds::Bound(bound)) => match by_masks(raw, views, Some(&bound)) {
+        (Normalise::Auto, ObjectBounds::Bound(bound)) => match by_masks(raw, views, asked, Some(&bound)) {
             Ok(place) => place,
             Err(error) => {
                 let mut place = Place::cube(bound, RegionEvidence::Sphere);
@@ -77,7 +91,7 @@ fn place_of_object(raw: &RawScene, views: &[View], normalise: Normalise) -> Resu
                 place
             }
         },
-        (Normalise::Hull, _) | (Normalise::Auto, ObjectBounds::Unknown) => by_masks(raw, views, None)?,
+        (Normalise::Hull, _) | (Normalise::Auto, ObjectBounds::Unknown) => by_masks(raw, views, asked, None)?,
     })
 }
 
@@ -113,23 +127,24 @@ pub(super) fn check_cube(views: &[View], warnings: &mut Vec<String>) {
     }
 }
 
-/// Keeps the sparse points that are on the object: in the unit cube, and on the mask in every view that sees them.
-/// Points that no view sees are dropped too. Where the files do not say which views these are, a point must be on every
+/// Keeps the sparse points that are on the object: in the unit cube, and on the mask in every view that sees them and is
+/// `asked`. Points that no view sees are dropped too. Where the files do not say which views these are, a point must be on every
 /// mask that has it in its frame.
-pub(super) fn keep_points_on_object(raw: &mut RawScene, views: &[View]) {
+pub(super) fn keep_points_on_object(raw: &mut RawScene, views: &[View], asked: &[bool]) {
     let Some(sparse) = &mut raw.sparse_points else { return };
     let cube = UnitCube { padding: 0.0 };
     let has_tracks = sparse.has_tracks();
-    // A view without a mask has nothing against a point that it sees, and one for testing is not asked.
-    let on_mask = |point: Vec3, view: &View| {
+    // A view without a mask has nothing against a point that it sees.
+    let on_mask = |point: Vec3, view: usize| {
+        let (view, is_asked) = (&views[view], asked[view]);
         let (pixel, z) = view.camera.project(point.as_dvec3());
         let is_object = |mask: &Mask| mask.is_object(pixel.x as u32, pixel.y as u32);
-        let asked = view.mask.as_ref().filter(|_| view.split != Split::Test);
-        if z > 0.0 && view.camera.sees(pixel) { asked.is_none_or(is_object) } else { !has_tracks }
+        let mask = view.mask.as_ref().filter(|_| is_asked);
+        if z > 0.0 && view.camera.sees(pixel) { mask.is_none_or(is_object) } else { !has_tracks }
     };
     let on_object = |point: Vec3, seen: &[usize]| match has_tracks {
-        true => !seen.is_empty() && seen.iter().all(|&view| on_mask(point, &views[view])),
-        false => views.iter().all(|view| on_mask(point, view)),
+        true => !seen.is_empty() && seen.iter().all(|&view| on_mask(point, view)),
+        false => (0..views.len()).all(|view| on_mask(point, view)),
     };
     let keep: Vec<bool> = sparse
         .cloud

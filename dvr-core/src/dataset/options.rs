@@ -6,6 +6,8 @@ use std::str::FromStr;
 use crate::camera::Similarity;
 use crate::cancellation::Cancellation;
 use crate::error::{Error, Result};
+use crate::hold_out::HOLD_OUT_EVERY;
+use crate::view_split::ViewNames;
 
 /// A layout of posed photographs, by its name: [`Format::all`] tells which there are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize)]
@@ -99,10 +101,15 @@ pub struct ReadOptions {
     pub n_views: Option<usize>,
     /// Views to leave out, by name, or by number in the order of the files, from 0.
     pub ignored_views: Vec<String>,
-    /// The views of an earlier reading, by name. Only these are read, whatever `n_views` and `ignored_views` say; a
-    /// warning names views that came since then. Not stored with the other options.
+    /// The views of an earlier reading, by name and by what they are for. Only these are read, whatever `n_views` and
+    /// `ignored_views` say; a warning names views that came since then. Not stored with the other options.
     #[serde(skip)]
-    pub only_views: Option<Vec<String>>,
+    pub known_views: Option<ViewNames>,
+    /// The share of views that [`Scene::hold_out`](crate::Scene::hold_out) is going to take for testing. Views for
+    /// testing, those of the dataset and these, have no say in where the object is, nor in which sparse points lie on
+    /// it, as long as two others have masks. Not stored with the other options.
+    #[serde(skip)]
+    pub hold_out_every: usize,
     /// Who says where the object is.
     pub normalise: Normalise,
     /// DVR layout: take depth from `visual_hull_depth/`, even where there is a `depth/`.
@@ -124,7 +131,8 @@ impl Default for ReadOptions {
             background: None,
             n_views: None,
             ignored_views: Vec::new(),
-            only_views: None,
+            known_views: None,
+            hold_out_every: HOLD_OUT_EVERY,
             normalise: Normalise::Auto,
             visual_hull_depth: false,
             max_memory: None,

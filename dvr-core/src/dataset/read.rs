@@ -4,7 +4,7 @@ use std::path::Path;
 
 use super::layouts::{detect_format, find_views};
 use super::load::{check_masks, load_views, select_views};
-use super::object_space::{check_cube, into_object_space, keep_points_on_object};
+use super::object_space::{asked_views, check_cube, into_object_space, keep_points_on_object};
 use super::options::ReadOptions;
 use super::pairing::folder_name;
 use crate::error::Result;
@@ -24,9 +24,10 @@ pub fn read_scene(path: &Path, options: &ReadOptions) -> Result<Scene> {
     let mut views = load_views(&mut raw, options)?;
     check_masks(&mut raw, &views)?;
     options.cancellation.check()?;
-    let (object_to_world, region) = into_object_space(&mut raw, &mut views, options.normalise)?;
+    let asked = asked_views(&views, options);
+    let (object_to_world, region) = into_object_space(&mut raw, &mut views, &asked, options.normalise)?;
     check_cube(&views, &mut raw.warnings);
-    keep_points_on_object(&mut raw, &views);
+    keep_points_on_object(&mut raw, &views, &asked);
     Ok(Scene {
         name: folder_name(&raw.root),
         source: path.to_owned(),

@@ -8,7 +8,7 @@ use crate::error::Result;
 use crate::hull::{Bounds, Normalisation, normalisation, normalisation_by_cameras, point_box};
 use crate::raster::Mask;
 use crate::region::{Region, RegionEvidence, is_cut_by_frame};
-use crate::scene::{Split, View};
+use crate::scene::View;
 
 /// Sparse points bound the object where the frame cuts this share of the masks or more. Otherwise outlines do, also where
 /// there is no texture.
@@ -43,10 +43,10 @@ impl Place {
     }
 }
 
-/// Finds the object by its masks, in the image of the unit cube under `bound` where that is known and among the sparse
+/// Finds the object by the masks of the views that are `asked`, in the image of the unit cube under `bound` where that is known and among the sparse
 /// points where frames cut masks; without such a bound, near the place that all cameras look at where frames cut all
 /// masks. Where no view has a mask, by what all cameras look at.
-pub(super) fn by_masks(raw: &RawScene, views: &[View], bound: Option<&Similarity>) -> Result<Place> {
+pub(super) fn by_masks(raw: &RawScene, views: &[View], asked: &[bool], bound: Option<&Similarity>) -> Result<Place> {
     if views.iter().all(|view| view.mask.is_none()) {
         let cameras: Vec<&Camera> = views.iter().map(|view| &view.camera).collect();
         let mut place = Place::cube(normalisation_by_cameras(&cameras)?, RegionEvidence::Cameras);
@@ -55,11 +55,9 @@ pub(super) fn by_masks(raw: &RawScene, views: &[View], bound: Option<&Similarity
         place.warnings.push(warning.to_owned());
         return Ok(place);
     }
-    // What the dataset keeps for testing has no say in where the object is, as long as others have.
-    let others = views.iter().filter(|view| view.split != Split::Test && view.mask.is_some()).count();
-    let is_asked = |view: &View| others < 2 || view.split != Split::Test;
+    let with_mask = views.iter().zip(asked);
     let asked: Vec<(&Camera, Option<&Mask>)> =
-        views.iter().map(|view| (&view.camera, view.mask.as_ref().filter(|_| is_asked(view)))).collect();
+        with_mask.map(|(view, &asked)| (&view.camera, view.mask.as_ref().filter(|_| asked))).collect();
     let mut found = normalisation(&asked)?;
     let (hull, mut evidence) = (found.bounds, vec![RegionEvidence::Masks]);
     let mut cut = |found: Normalisation, region: &Bounds, by: RegionEvidence| {
