@@ -20,6 +20,7 @@ pub fn remedy(error: &anyhow::Error) -> Option<String> {
             .or_else(|| cause.downcast_ref().and_then(of_record))
             .or_else(|| cause.downcast_ref().and_then(of_report))
             .or_else(|| of_gpu(cause))
+            .or_else(|| cause.downcast_ref().and_then(of_system))
     })
 }
 
@@ -65,6 +66,19 @@ fn of_output(error: &OutputError) -> &'static str {
             "Move it away, or give another place with --out. --overwrite replaces a file that was named as an output."
         }
         OutputError::AmongData { .. } => "Give a folder beside the data with --out.",
+    }
+}
+
+/// The operating system, of a disk that takes no more.
+fn of_system(error: &std::io::Error) -> Option<String> {
+    use std::io::ErrorKind;
+    match error.kind() {
+        ErrorKind::StorageFull | ErrorKind::QuotaExceeded | ErrorKind::FileTooLarge => Some(
+            "Make room on that disk, or write to another with --out; `dvr train --resume` goes on from a run's last checkpoint."
+                .into(),
+        ),
+        ErrorKind::ReadOnlyFilesystem => Some("Nothing can be written there: choose another folder with --out.".into()),
+        _ => None,
     }
 }
 

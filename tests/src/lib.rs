@@ -20,7 +20,7 @@ use dvr_model::{Decoder, DecoderConfig};
 
 pub use bound_decoder::BoundDecoder;
 pub use dvr_test_support::{
-    browser, fixture, large_fixture, largest, max_difference, relative_difference, scene, test_with,
+    browser, fixture, large_fixture, largest, max_difference, mounts, relative_difference, scene, test_with,
 };
 pub use field_suite::check_field;
 pub use pytorch_file::{Entry, write_pytorch};

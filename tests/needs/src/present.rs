@@ -3,6 +3,7 @@
 use std::env;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
 /// The folder of scenes that are not in the repository.
 pub const SCENES: &str = "DVR_SCENES";
@@ -26,6 +27,15 @@ pub fn browser() -> Result<PathBuf, String> {
     let names = ["chromium", "chromium-browser", "google-chrome", "google-chrome-stable"];
     let mut programs = env::split_paths(&paths).flat_map(|folder| names.map(|name| folder.join(name)));
     programs.find(|path| path.is_file()).ok_or_else(|| "there is no chromium or chrome in PATH".into())
+}
+
+/// Whether a test may mount a disk of its own: in a namespace of its own, which Linux allows to users in most places.
+pub fn mounts() -> Result<(), String> {
+    let mount = ["--user", "--map-root-user", "--mount", "mount", "-t", "tmpfs", "tmpfs", "/tmp"];
+    let mounted = Command::new("unshare").args(mount).output();
+    let enters = Command::new("nsenter").arg("--version").output();
+    let is_allowed = |output: std::io::Result<std::process::Output>| output.is_ok_and(|output| output.status.success());
+    if is_allowed(mounted) && is_allowed(enters) { Ok(()) } else { Err("no disk can be mounted by a test".into()) }
 }
 
 /// Whether a driver for GPUs is installed. Beyond Linux, every system comes with one.

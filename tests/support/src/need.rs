@@ -41,6 +41,12 @@ pub fn browser() -> PathBuf {
     needed(present::browser())
 }
 
+/// That a test may mount a disk of its own.
+#[track_caller]
+pub fn mounts() {
+    needed(present::mounts());
+}
+
 /// What a test needs: `test_with` ignores the test without it, but for what `DVR_REQUIRE` lists.
 #[track_caller]
 fn needed<T>(found: Result<T, String>) -> T {
