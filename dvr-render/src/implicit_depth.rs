@@ -82,3 +82,36 @@ impl<B: ImplicitDepth, C: CheckpointStrategy> ImplicitDepth for Autodiff<B, C> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use burn::tensor::Device;
+
+    use super::*;
+
+    fn numbers(values: Tensor<1>) -> Vec<f32> {
+        values.into_data().iter::<f32>().collect()
+    }
+
+    #[test]
+    fn it_is_the_depth_and_its_gradient_is_less_the_inverse_slope() {
+        let device = Device::flex().autodiff();
+        let constant = |values: [f32; 3]| Tensor::<1>::from_floats(values, &device);
+        let logit = constant([0.1, -0.2, 0.0]).require_grad();
+        let (depth, inverse_slope) = ([1.5, 2.5, 0.25], [2.0, -0.5, 0.0]);
+        // Through another operation on either side.
+        let found = implicit_depth(logit.clone() * 3.0, constant(depth), constant(inverse_slope));
+        assert_eq!(numbers(found.clone()), depth);
+        let gradients = (found * constant([1.0, 10.0, 5.0])).sum().backward();
+        assert_eq!(numbers(Tensor::from_inner(logit.grad(&gradients).unwrap())), [-6.0, 15.0, 0.0]);
+    }
+
+    #[test]
+    fn without_a_graph_it_is_the_depth() {
+        for device in [Device::flex(), Device::flex().autodiff()] {
+            let constant = |values: [f32; 2]| Tensor::<1>::from_floats(values, &device);
+            let found = implicit_depth(constant([0.3, 0.4]), constant([1.5, 2.5]), constant([2.0, 2.0]));
+            assert_eq!(numbers(found), [1.5, 2.5]);
+        }
+    }
+}

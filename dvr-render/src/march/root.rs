@@ -109,3 +109,139 @@ fn chandrupatla(bracket: Bracket, steps: usize, logit: impl Fn(Tensor<1>) -> Ten
 fn is_inside(logit: &Tensor<1>) -> Tensor<1, Bool> {
     logit.clone().greater_equal_elem(0.0)
 }
+
+#[cfg(test)]
+mod tests {
+    use std::cell::Cell;
+
+    use burn::tensor::Device;
+    use dvr_test_support::max_difference;
+
+    use super::*;
+
+    /// Logits along six rays: straight, bent both ways, with a flat root, steep at one end, with a jump.
+    fn logits(d: &[f64]) -> Vec<f64> {
+        let of_ray: [fn(f64) -> f64; 6] = [
+            |d| 2.0 * d - 0.7,
+            |d| d * d * d - 0.2,
+            |d| 0.9 - (-3.0 * d).exp() * 1.5,
+            |d| (d - 0.55).powi(3),
+            |d| (20.0 * (d - 0.8)).exp() - 0.3,
+            |d| if d < 0.3 { -0.1 } else { 2.0 + d },
+        ];
+        of_ray.iter().zip(d).map(|(logit, &d)| logit(d)).collect()
+    }
+
+    /// Ends of the brackets: outside, inside.
+    const ENDS: [[f64; 6]; 2] = [[0.0, 0.1, 0.0, 0.2, 0.0, 0.0], [1.0, 0.9, 1.0, 1.0, 1.0, 0.75]];
+
+    fn tensor(values: &[f64]) -> Tensor<1> {
+        Tensor::from_data(values, &Device::flex())
+    }
+
+    fn numbers(values: Tensor<1>) -> Vec<f64> {
+        values.into_data().iter::<f64>().collect()
+    }
+
+    /// What a method finds, and how often it asked.
+    fn found(method: RootMethod, steps: usize) -> (Vec<f64>, usize) {
+        let [outside, inside] = ENDS;
+        let bracket = Bracket {
+            outside: tensor(&outside),
+            inside: tensor(&inside),
+            outside_logit: tensor(&logits(&outside)),
+            inside_logit: tensor(&logits(&inside)),
+        };
+        let asked = Cell::new(0);
+        let depths = method.find(bracket, steps, |depth| {
+            asked.set(asked.get() + 1);
+            tensor(&logits(&numbers(depth)))
+        });
+        (numbers(depths), asked.get())
+    }
+
+    /// The same for one ray at a time, as the method is written in books.
+    fn expected(steps: usize, search: impl Fn(&dyn Fn(f64) -> f64, f64, f64) -> f64) -> Vec<f64> {
+        let of_ray = |ray: usize| {
+            let logit = move |d: f64| logits(&[d; 6])[ray];
+            search(&logit, ENDS[0][ray], ENDS[1][ray])
+        };
+        assert!(steps < 100);
+        (0..6).map(of_ray).collect()
+    }
+
+    #[test]
+    fn false_position_and_bisection_take_the_steps_of_their_definitions() {
+        for steps in [0, 1, 2, 5, 9] {
+            let shrinking = |guess: fn(f64, f64, f64, f64) -> f64| {
+                expected(steps, |logit, mut outside, mut inside| {
+                    for _ in 0..steps {
+                        let depth = guess(outside, inside, logit(outside), logit(inside));
+                        *(if logit(depth) < 0.0 { &mut outside } else { &mut inside }) = depth;
+                    }
+                    guess(outside, inside, logit(outside), logit(inside))
+                })
+            };
+            let chord = shrinking(|outside, inside, f0, f1| (outside * f1 - inside * f0) / (f1 - f0));
+            let middle = shrinking(|outside, inside, _, _| 0.5 * (outside + inside));
+            for (method, expected) in [(RootMethod::Secant, chord), (RootMethod::Bisection, middle)] {
+                let (depths, asked) = found(method, steps);
+                assert_eq!(asked, steps);
+                let off = max_difference(&depths, &expected);
+                assert!(off < 2e-6, "{method:?}, {steps} steps: {off}, {depths:?}, {expected:?}");
+            }
+        }
+    }
+
+    /// Scherer's listing of Chandrupatla's method, begun at the chord; each step is decided by signs alone.
+    fn chandrupatla_of_one_ray(logit: &dyn Fn(f64) -> f64, outside: f64, inside: f64, steps: usize) -> f64 {
+        let is_inside = |f: f64| f >= 0.0;
+        let (mut a, mut b) = (inside, outside);
+        let (mut fa, mut fb) = (logit(a), logit(b));
+        let mut t = fa / (fa - fb);
+        for _ in 0..steps {
+            let x = a + t * (b - a);
+            let fx = logit(x);
+            let (c, fc);
+            if is_inside(fx) == is_inside(fa) {
+                (c, fc) = (a, fa);
+            } else {
+                (c, fc) = (b, fb);
+                (b, fb) = (a, fa);
+            }
+            (a, fa) = (x, fx);
+            let (xi, phi) = ((a - b) / (c - b), (fa - fb) / (fc - fb));
+            t = if phi * phi < xi && (1.0 - phi) * (1.0 - phi) < 1.0 - xi {
+                let quadratic =
+                    fa / (fb - fa) * (fc / (fb - fc)) + (c - a) / (b - a) * (fa / (fc - fa)) * (fb / (fc - fb));
+                quadratic.clamp(0.0, 1.0)
+            } else {
+                0.5
+            };
+        }
+        if fb.abs() < fa.abs() { b } else { a }
+    }
+
+    #[test]
+    fn chandrupatla_takes_the_steps_of_the_literature() {
+        for steps in 0..8 {
+            let (depths, asked) = found(RootMethod::Chandrupatla, steps);
+            assert_eq!(asked, steps);
+            let expected = expected(steps, |logit, a, b| chandrupatla_of_one_ray(logit, a, b, steps));
+            let off = max_difference(&depths, &expected);
+            assert!(off < 1e-4, "{steps} steps: {off}, {depths:?}, {expected:?}");
+        }
+    }
+
+    #[test]
+    fn chandrupatla_finds_what_is_steep_or_flat_or_jumps_where_false_position_stalls() {
+        let roots = [0.35, 0.2f64.cbrt(), (1.5f64 / 0.9).ln() / 3.0, 0.55, 0.8 + 0.3f64.ln() / 20.0, 0.3];
+        let (depths, _) = found(RootMethod::Chandrupatla, 20);
+        // In single precision the cube of a flat root vanishes near it.
+        for ((depth, root), tolerance) in depths.iter().zip(roots).zip([1e-6, 1e-6, 1e-6, 0.01, 1e-6, 1e-4]) {
+            assert!((depth - root).abs() < tolerance, "{depth}, not {root}");
+        }
+        let (stalled, _) = found(RootMethod::Secant, 20);
+        assert!((stalled[4] - roots[4]).abs() > 0.05, "{stalled:?}");
+    }
+}
