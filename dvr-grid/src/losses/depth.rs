@@ -73,3 +73,21 @@ pub(crate) mod gpu {
         value
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+
+    use super::super::term::tests::{evaluated, pixel};
+    use super::*;
+
+    #[test]
+    fn it_is_the_distance_on_the_ray_from_either_side_and_nothing_where_nothing_was_measured() {
+        let loss = DepthLoss { weight: 3.0 };
+        assert_eq!(evaluated(&loss, &pixel(1.5)), (0.75, 4.5, Vec3::ZERO));
+        assert_eq!(evaluated(&loss, &pixel(4.0)), (3.0, -4.5, Vec3::ZERO));
+        for unmeasured in [f32::NAN, f32::INFINITY] {
+            assert_eq!(evaluated(&loss, &pixel(unmeasured)), (0.0, 0.0, Vec3::ZERO));
+        }
+    }
+}

@@ -67,3 +67,18 @@ pub(crate) mod gpu {
         residual.size()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+
+    use super::super::term::tests::{evaluated, pixel};
+    use super::*;
+
+    #[test]
+    fn it_is_the_sum_of_absolute_differences_and_moves_colours_alone() {
+        let (value, by_depth, by_color) = evaluated(&DetachedColorLoss { weight: 3.0 }, &pixel(f32::NAN));
+        assert!((value - (0.1 + 0.4 + 0.6)).abs() < 1e-6, "{value}");
+        assert_eq!((by_depth, by_color), (0.0, Vec3::new(-3.0, 3.0, -3.0)));
+    }
+}

@@ -82,3 +82,23 @@ pub(crate) mod gpu {
         logit.max(0.0f32) + (1.0f32 + (-logit.abs()).exp()).ln()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn it_is_the_softplus_of_the_largest_value_and_its_gradient_is_weighted() {
+        let loss = MaskLoss { weight: 3.0, sharpness: 20.0 };
+        assert_eq!((loss.weight(), loss.parameters()[0].1), (3.0, 20.0));
+        for largest in [-0.4f32, -0.02, 0.0, 0.03, 0.5] {
+            for sign in [1.0f32, -1.0] {
+                let logit = f64::from(sign) * 20.0 * f64::from(largest);
+                let (value, gradient) = loss.evaluate(largest, sign);
+                assert!((value - (1.0 + logit.exp()).ln()).abs() < 1e-5 * (1.0 + logit.abs()), "{largest}: {value}");
+                let expected = 3.0 * f64::from(sign) * 20.0 / (1.0 + (-logit).exp());
+                assert!((f64::from(gradient) - expected).abs() < 1e-4, "{largest}: {gradient}, not {expected}");
+            }
+        }
+    }
+}

@@ -341,3 +341,184 @@ pub(crate) mod gpu {
         squares / samples
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::term::SurfaceHit;
+    use super::*;
+    use crate::color::ColorSample;
+    use crate::losses::GridLosses;
+    use crate::step::suite::Fixture;
+
+    fn speckles() -> Fixture {
+        Fixture::speckled_ball(0.3, GridLosses::default())
+    }
+
+    /// The brightness of a photograph in double precision.
+    fn brightness(view: &TrainingView, [u, v]: [u32; 2]) -> f64 {
+        f64::from(view.brightness(u, v).unwrap())
+    }
+
+    #[test]
+    fn samples_lie_around_the_pixel_as_far_apart_as_the_stride() {
+        for stride in [1, 3] {
+            let found: Vec<[u32; 2]> = (0..SAMPLES).map(|i| sample([10, 20], i, stride).unwrap()).collect();
+            let around = |middle: u32| (-2..=2).map(move |k: i64| (i64::from(middle) + k * i64::from(stride)) as u32);
+            let expected: Vec<[u32; 2]> = around(20).flat_map(|v| around(10).map(move |u| [u, v])).collect();
+            assert_eq!(found, expected);
+            assert!(
+                sample([2 * stride - 1, 20], 0, stride).is_none() && sample([10, 2 * stride - 1], 0, stride).is_none()
+            );
+            assert_eq!(sample([2 * stride, 2 * stride], 0, stride), Some([0, 0]));
+        }
+    }
+
+    #[test]
+    fn patches_that_are_less_alike_pull_less() {
+        assert_eq!(robust(0.0, 0.3), (0.0, 1.0));
+        for (error, scale) in [(0.1f32, 0.3f32), (0.3, 0.3), (1.2, 0.3), (0.5, 3.0)] {
+            let (value, slope) = robust(error, scale);
+            let rho = |e: f64| e / (1.0 + e / f64::from(scale));
+            let difference = (rho(f64::from(error) + 1e-4) - rho(f64::from(error) - 1e-4)) / 2e-4;
+            assert!((f64::from(value) - rho(f64::from(error))).abs() < 1e-6, "{value}");
+            assert!((f64::from(slope) - difference).abs() < 1e-5, "{slope}, not {difference}");
+        }
+    }
+
+    #[test]
+    fn contrast_is_what_a_ramp_does_not_explain() {
+        let fixture = speckles();
+        let view = &fixture.views[0];
+        for pixel @ [u, v] in [[48, 48], [40, 55], [60, 37], [52, 61]] {
+            // Least squares by hand: the mean and the two slopes are taken off one after the other.
+            let mut rest: Vec<f64> = (0..SAMPLES).map(|i| brightness(view, sample(pixel, i, 1).unwrap())).collect();
+            let patterns: [fn(usize) -> f64; 3] = [|_| 1.0, |i| (i % 5) as f64 - 2.0, |i| (i / 5) as f64 - 2.0];
+            for pattern in patterns {
+                let squares: f64 = (0..SAMPLES).map(|i| pattern(i).powi(2)).sum();
+                let share = (0..SAMPLES).map(|i| pattern(i) * rest[i]).sum::<f64>() / squares;
+                rest.iter_mut().enumerate().for_each(|(i, rest)| *rest -= share * pattern(i));
+            }
+            let expected = rest.iter().map(|rest| rest * rest).sum::<f64>() / SAMPLES as f64;
+            let found = f64::from(Patch::contrast(view, [u, v]));
+            assert!(expected > 1e-5 && (found - expected).abs() < 1e-6, "{pixel:?}: {found}, not {expected}");
+        }
+        assert_eq!(Patch::contrast(view, [3, 3]), 0.0, "background");
+    }
+
+    /// The patch of a pixel on a plane that its ray meets at this depth.
+    fn on_plane(view: &TrainingView, pixel: [u32; 2], depth: f32, normal: Vec3) -> Option<Patch> {
+        let point = view.camera.center + depth * view.direction(pixel[0], pixel[1]);
+        Patch::on_plane(view, pixel, 1, view.camera.center, point, normal)
+    }
+
+    /// A plane that faces the cameras, a little turned.
+    const NORMAL: Vec3 = Vec3::new(0.35, -0.25, 0.9);
+
+    #[test]
+    fn a_patch_lies_on_its_plane_where_its_pixels_look_and_moves_on_their_rays() {
+        let fixture = speckles();
+        let (view, pixel) = (&fixture.views[1], [50, 45]);
+        for normal in [NORMAL, -NORMAL] {
+            let patch = on_plane(view, pixel, 1.3, normal).unwrap();
+            let middle = view.camera.center + 1.3 * view.direction(50, 45);
+            let (near, far) =
+                (on_plane(view, pixel, 1.29, normal).unwrap(), on_plane(view, pixel, 1.31, normal).unwrap());
+            for i in 0..SAMPLES {
+                assert!(normal.dot(patch.points[i] - middle).abs() < 1e-5);
+                let seen = view.camera.project(patch.points[i]).0 - glam::Vec2::splat(0.5);
+                let [u, v] = sample(pixel, i, 1).unwrap();
+                assert!(seen.distance(glam::Vec2::new(u as f32, v as f32)) < 1e-2, "{seen}");
+                let difference = (far.points[i] - near.points[i]) / 0.02;
+                assert!(patch.motions[i].distance(difference) < 1e-3, "{} and {difference}", patch.motions[i]);
+            }
+        }
+    }
+
+    #[test]
+    fn a_plane_that_is_seen_edge_on_has_no_patch() {
+        let fixture = speckles();
+        let view = &fixture.views[0];
+        let across = view.direction(49, 48) - view.direction(47, 48);
+        let ahead = view.direction(48, 48);
+        // How much nearer or farther the outermost column is.
+        let stretched = |most: f32| {
+            let turn = (most - 1.0) / most;
+            let normal = ahead.normalize() - turn * across / across.length_squared() * ahead.length();
+            let patch = on_plane(view, [48, 48], 1.3, normal);
+            let reach = patch.map(|patch| {
+                let depths =
+                    patch.points.map(|point| (point - view.camera.center).dot(ahead) / ahead.length_squared() / 1.3);
+                depths.iter().fold(1.0f32, |most, depth| most.max(*depth).max(depth.recip()))
+            });
+            (reach, normal)
+        };
+        let (reach, normal) = stretched(1.1);
+        assert!(reach.is_some_and(|reach| (1.05..MAX_STRETCH).contains(&reach)), "{reach:?} {normal}");
+        for most in [1.25, 1.6] {
+            assert_eq!(stretched(most).0, None, "{most}");
+            // Mirrored, so that either side may be the far one.
+            let normal = 2.0 * ahead.normalize() * ahead.normalize().dot(stretched(most).1) - stretched(most).1;
+            assert!(on_plane(view, [48, 48], 1.3, normal).is_none(), "{most}");
+        }
+    }
+
+    #[test]
+    fn likeness_is_the_correlation_and_its_derivative_that_of_a_plane_that_moves() {
+        let fixture = speckles();
+        let (own, other) = (&fixture.views[0], &fixture.views[1]);
+        let mut compared = 0;
+        for pixel in [[48, 48], [44, 52], [53, 46], [50, 55], [46, 43]] {
+            let at = |depth: f32| on_plane(own, pixel, depth, NORMAL).unwrap().compare(other).unwrap();
+            let patch = on_plane(own, pixel, 1.31, NORMAL).unwrap();
+            let found = at(1.31);
+            // Both patches in double precision.
+            let own: Vec<f64> = (0..SAMPLES).map(|i| brightness(own, sample(pixel, i, 1).unwrap())).collect();
+            let color = |i: usize| other.reproject(patch.points[i], Vec3::X).unwrap().color;
+            let seen: Vec<f64> = (0..SAMPLES).map(|i| f64::from(color(i).element_sum()) / 3.0).collect();
+            let mean = |values: &[f64]| values.iter().sum::<f64>() / SAMPLES as f64;
+            let covariance = |a: &[f64], b: &[f64]| {
+                let product = |(x, y): (&f64, &f64)| (x - mean(a)) * (y - mean(b));
+                a.iter().zip(b).map(product).sum::<f64>() / SAMPLES as f64
+            };
+            let noise = f64::from(NOISE);
+            let scale = ((covariance(&own, &own) + noise) * (covariance(&seen, &seen) + noise)).sqrt();
+            let expected = covariance(&own, &seen) / scale;
+            assert!((f64::from(found.correlation) - expected).abs() < 1e-4, "{found:?}, not {expected}");
+            let step = 2e-4;
+            let difference = (at(1.31 + step).correlation - at(1.31 - step).correlation) / (2.0 * step);
+            // A sample that steps over a pixel's border bends the difference.
+            compared += usize::from((found.derivative - difference).abs() < 0.03 * difference.abs() + 0.05);
+        }
+        assert!(compared >= 4, "{compared} of 5");
+    }
+
+    #[test]
+    fn patches_that_are_too_unlike_say_nothing_and_others_pull_by_their_weight() {
+        let fixture = speckles();
+        let (own, other) = (&fixture.views[0], &fixture.views[1]);
+        let patch = on_plane(own, [48, 48], 1.31, NORMAL).unwrap();
+        let found = patch.compare(other).unwrap();
+        let pixel = own.pixel_ray(0, 48 * 96 + 48);
+        let hit = SurfaceHit {
+            pixel: &pixel,
+            origin: own.camera.center,
+            depth: 1.31,
+            point: own.camera.center + 1.31 * pixel.direction,
+            inward: NORMAL,
+            color: ColorSample { color: Vec3::ZERO, derivative: Vec3::ZERO },
+        };
+        let seen = other.reproject(hit.point, pixel.direction).unwrap();
+        let pulled = |min_correlation: f64| {
+            let loss = PatchNccLoss { weight: 3.0, min_correlation, scale: 0.3, stride: 1 };
+            let mut gradient = 5.0;
+            let value = loss.compare(&patch, &hit, &Comparison { view: other, seen }, &mut gradient);
+            (value, gradient - 5.0)
+        };
+        let (value, slope) = robust(1.0 - found.correlation, 0.3);
+        let (found_value, gradient) = pulled(f64::from(found.correlation) - 0.01);
+        assert!((found_value - f64::from(value)).abs() < 1e-6, "{found_value}");
+        let expected = -3.0 * slope * found.derivative;
+        assert!((gradient - expected).abs() < 1e-3 * expected.abs() && expected != 0.0, "{gradient}, not {expected}");
+        assert_eq!(pulled(f64::from(found.correlation) + 0.01), (0.0, 0.0));
+    }
+}

@@ -123,3 +123,41 @@ pub(crate) mod gpu {
         value
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+
+    use super::super::GridLosses;
+    use super::super::term::tests::pixel;
+    use super::*;
+    use crate::color::ColorSample;
+    use crate::step::suite::Fixture;
+    use crate::views::Reprojection;
+
+    #[test]
+    fn differences_below_the_limit_pull_by_their_signs_and_larger_ones_do_not() {
+        let fixture = Fixture::ball(0.3, GridLosses::default());
+        let pixel = pixel(f32::NAN);
+        let nothing = ColorSample { color: Vec3::ZERO, derivative: Vec3::ZERO };
+        let hit = SurfaceHit {
+            pixel: &pixel,
+            origin: Vec3::ZERO,
+            depth: 1.0,
+            point: Vec3::Z,
+            inward: Vec3::Z,
+            color: nothing,
+        };
+        let seen = Reprojection { color: Vec3::new(0.4, 0.25, 0.85), derivative: Vec3::new(1.0, 10.0, 100.0) };
+        let pulled = |limit: f64| {
+            let mut gradient = 5.0;
+            let other = Comparison { view: &fixture.views[0], seen };
+            let value = PhotoConsistencyLoss { weight: 3.0, limit }.compare(&(), &hit, &other, &mut gradient);
+            (value, gradient - 5.0)
+        };
+        let (value, gradient) = pulled(0.21);
+        assert!((value - 0.2).abs() < 1e-6, "{value}");
+        assert_eq!(gradient, 3.0 * (-1.0 + 10.0 - 100.0));
+        assert_eq!(pulled(0.19), (0.0, 0.0));
+    }
+}

@@ -276,4 +276,28 @@ mod tests {
         let mut gradient = vec![0.0; grid.len()];
         assert!(LaplacianSmoothness::default().add_gradient(&values, &mut gradient, &active, 1.0, 0.1) < 1e-8);
     }
+
+    #[test]
+    fn it_is_the_mean_of_the_hubers_of_laplacians_of_nodes_near_the_surface() {
+        let grid = VoxelGrid::new(8, 0.5);
+        let (spacing, knee) = (f64::from(grid.spacing()), 0.3);
+        let active = ActiveNodes::new(&grid, |node| grid.coordinates(node).iter().all(|&c| c > 0 && c < 7));
+        let mut rng = ChaCha8Rng::seed_from_u64(2);
+        let values: Vec<f32> = (0..grid.len()).map(|_| 6.0 * (rng.random::<f32>() - 0.5) * grid.spacing()).collect();
+        let is_near = |node: &usize| f64::from(values[*node].abs()) <= f64::from(NEAR) * spacing;
+        let laplacian = |node: usize| {
+            let around = [node - 1, node + 1, node - 8, node + 8, node - 64, node + 64];
+            let mean = around.iter().map(|&other| f64::from(values[other])).sum::<f64>() / 6.0;
+            (mean - f64::from(values[node])) / spacing
+        };
+        let huber = |x: f64| if x.abs() <= knee { 0.5 * x * x } else { knee * (x.abs() - 0.5 * knee) };
+        let near: Vec<f64> = active.iter().filter(is_near).map(laplacian).collect();
+        let beyond = near.iter().filter(|x| x.abs() > knee).count();
+        assert!(near.len() < active.count() && beyond > 10 && beyond + 10 < near.len(), "{beyond} of {}", near.len());
+        let expected = near.iter().map(|&x| huber(x)).sum::<f64>() / near.len() as f64;
+        let mut gradient = vec![0.0; values.len()];
+        let found = LaplacianSmoothness::default().add_gradient(&values, &mut gradient, &active, 2.5, knee as f32);
+        assert!((f64::from(found) - expected).abs() < 1e-5 * expected, "{found}, not {expected}");
+        assert_eq!(SmoothnessLoss { weight: 2.5, knee }.weight(), 2.5);
+    }
 }

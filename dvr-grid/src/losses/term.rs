@@ -169,3 +169,37 @@ pub(crate) mod gpu {
         }
     }
 }
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+
+    /// A pixel of the colour (.5, .2, .9) whose ray is 1.5 long per unit of z-depth, with a measured depth.
+    pub fn pixel(z_depth: f32) -> PixelRay {
+        PixelRay {
+            view: 0,
+            pixel: [0, 0],
+            direction: Vec3::new(1.0, 0.5, 1.0),
+            color: Vec3::new(0.5, 0.2, 0.9),
+            object: true,
+            z_depth,
+        }
+    }
+
+    /// What a term says of a hit at depth 2, of the colour (.4, .6, .3), whose derivative is (1, 10, 100), and what it
+    /// adds to a gradient.
+    pub fn evaluated(term: &impl SurfaceTerm, pixel: &PixelRay) -> (f64, f32, Vec3) {
+        let hit = SurfaceHit {
+            pixel,
+            origin: Vec3::ZERO,
+            depth: 2.0,
+            point: 2.0 * pixel.direction,
+            inward: Vec3::Z,
+            color: ColorSample { color: Vec3::new(0.4, 0.6, 0.3), derivative: Vec3::new(1.0, 10.0, 100.0) },
+        };
+        let before = SurfaceGradient { grad_depth: 7.0, grad_color: Vec3::splat(9.0) };
+        let mut gradient = before;
+        let value = term.evaluate(&hit, &mut gradient);
+        (value, gradient.grad_depth - before.grad_depth, gradient.grad_color - before.grad_color)
+    }
+}
