@@ -147,3 +147,27 @@ fn split([a, b, c, d]: [u32; 4], vertices: &[Vec3], normals: &[Vec3]) -> [[u32; 
     let prefer_ac = if gain.abs() > NOTICEABLE { gain > 0.0 } else { length(a, c) <= length(b, d) };
     if prefer_ac { by_ac } else { by_bd }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_quadrilateral_is_parted_along_its_crease_and_else_by_its_shorter_diagonal() {
+        // A kite, and how high its corners lie.
+        let corners = |[a, b, c, d]: [f32; 4]| {
+            [Vec3::new(0.0, 0.0, a), Vec3::new(1.0, -0.4, b), Vec3::new(2.0, 0.0, c), Vec3::new(1.0, 0.4, d)]
+        };
+        let is_by_ac = |quad: [u32; 4], heights: [f32; 4], normals: [Vec3; 4]| {
+            let triangles = split(quad, &corners(heights), &normals);
+            assert!(triangles.concat().iter().all(|corner| quad.contains(corner)));
+            triangles == [[quad[0], quad[1], quad[2]], [quad[0], quad[2], quad[3]]]
+        };
+        let up = [Vec3::Z; 4];
+        assert!(!is_by_ac([0, 1, 2, 3], [0.0; 4], up) && is_by_ac([1, 2, 3, 0], [0.0; 4], up), "the shorter one");
+        // A roof whose ridge runs from corner 0 to corner 2; there both of its sides meet.
+        let tilted = |y: f32| Vec3::new(0.0, y, 0.4).normalize();
+        let sides = [Vec3::Z, tilted(-0.5), Vec3::Z, tilted(0.5)];
+        assert!(is_by_ac([0, 1, 2, 3], [0.5, 0.0, 0.5, 0.0], sides), "the ridge, though it is longer");
+    }
+}

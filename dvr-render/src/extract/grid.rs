@@ -272,3 +272,34 @@ impl SparseGrid {
         (0..8).fold(0, |mask, c| mask | u8::from(self.value(slots[c]) >= 0.0) << c)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cells_nodes_and_points_of_a_grid_and_of_its_refinement_fit_together() {
+        let grid = GridGeometry { cells: 6, half_extent: 0.55 };
+        assert!((grid.cell_size() - 1.1 / 6.0).abs() < 1e-12);
+        let of_cube =
+            |last: u32| (0..=last).flat_map(move |x| (0..=last).flat_map(move |y| (0..=last).map(move |z| [x, y, z])));
+        for cell in of_cube(7) {
+            let is_virtual = cell.iter().any(|&index| index == 0 || index == 7);
+            let cell = UVec3::from(cell);
+            assert_eq!(grid.is_virtual_cell(cell), is_virtual, "{cell}");
+            if !is_virtual {
+                for inside in [0.01, 0.5, 0.99] {
+                    assert_eq!(grid.cell_of(grid.at(cell.as_dvec3() + inside)), cell);
+                }
+            }
+        }
+        assert_eq!(grid.cell_of(Vec3::splat(0.55)), UVec3::splat(6), "the far corner is of the last cell");
+        for node in of_cube(8).map(UVec3::from) {
+            let refined = grid.refined_node(node);
+            assert_eq!(grid.is_virtual(node), grid.refined().is_virtual(refined), "{node}");
+            if !grid.is_virtual(node) {
+                assert!(grid.at(node.as_dvec3()).distance(grid.refined().at(refined.as_dvec3())) < 1e-6, "{node}");
+            }
+        }
+    }
+}
