@@ -1,0 +1,74 @@
+#!/bin/sh
+# A soak of whole commands: does anything pile up when scenes are trained, meshed, rendered and measured again and again?
+#
+#     scripts/soak_loop.sh SECONDS OUT SCENE...
+#
+# Trains each SCENE with the default settings, makes its mesh anew, renders an orbit and measures the run, round after round, until SECONDS
+# are over; the scene that was begun is ended. The temporary folder is OUT/tmp, and every round writes over the results of the round before.
+# Writes OUT/commands.csv: round, scene, command, seconds since the start, peak resident memory in MB, files in the temporary folder,
+# temporary files of `dvr` in OUT, files of the scene's results. Prints for each command the peak memory over the first and over the last
+# third of the rounds, and fails where the second is more than 2 % larger, where a temporary file stays, or where the number of files of
+# results changes. Needs `dvr` on the PATH (or in $DVR), awk and GNU time. Run it from the root of the repository.
+set -eu
+
+[ $# -ge 3 ] || { sed -n '2,12s/^# \{0,1\}//p' "$0" >&2; exit 2; }
+seconds=$1 out=$2
+shift 2
+dvr=${DVR:-dvr}
+mkdir -p "$out/tmp"
+TMPDIR=$(cd "$out/tmp" && pwd)
+export TMPDIR
+began=$(date +%s)
+echo "round,scene,command,seconds,peak_mb,temporary_folder,temporary_files,files_of_results" > "$out/commands.csv"
+
+files_in() { find "$1" -type f | wc -l; }
+
+# Carries a command out and adds its row.
+measured() {
+    env time -f %M -o "$out/peak" "$dvr" "$@" > "$out/output.txt" 2> "$out/notes.txt" \
+        || { cat "$out/notes.txt" >&2; echo "round $round, $name: dvr $* failed" >&2; exit 1; }
+    peak=$(awk 'END { printf "%.1f", $1 / 1024 }' "$out/peak")
+    left=$(find "$out" -name '.*.dvr-tmp' | wc -l)
+    echo "$round,$name,$1,$(($(date +%s) - began)),$peak,$(files_in "$TMPDIR"),$left,$(files_in "$results")" >> "$out/commands.csv"
+}
+
+round=0
+is_over() { [ $(($(date +%s) - began)) -ge "$seconds" ]; }
+until is_over; do
+    round=$((round + 1))
+    for scene; do
+        is_over && break
+        name=$(basename "$scene")
+        results=$out/$name
+        run=$results/run
+        mkdir -p "$results"
+        measured train "$scene" --out "$run" --overwrite
+        measured mesh "$run" --overwrite
+        measured render "$run" --out "$results/orbit" --frames 12 --overwrite
+        measured eval "$run"
+    done
+done
+
+awk -F, -v rounds=$round '
+    NR == 1 { next }
+    { key = $3 " " $2 }
+    $1 == 1 { order[++keys] = key }
+    # In the first round there are no results of the commands that follow.
+    $1 == 2 { files[key] = $8 }
+    3 * $1 <= rounds + 2 && $5 > first[key] { first[key] = $5 }
+    3 * $1 > 2 * rounds && $5 > last[key] { last[key] = $5 }
+    $6 > 0 || $7 > 0 { left++ }
+    $1 > 2 && $8 != files[key] { changed[key] = 1 }
+    { end = $4 }
+    END {
+        printf "%d rounds in %d s, %d commands; temporary files that stayed: %d\n\n", rounds, end, NR - 1, left
+        print "| command | peak memory, first third of the rounds, MB | last third, MB | |\n|---|---:|---:|---|"
+        for (i = 1; i <= keys; i++) {
+            key = order[i]
+            verdict = last[key] > 1.02 * first[key] ? "GROWS" : "flat"
+            if (key in changed) verdict = verdict ", the number of files changes"
+            bad += verdict != "flat"
+            printf "| %s | %.1f | %.1f | %s |\n", key, first[key], last[key], verdict
+        }
+        exit left > 0 || bad > 0
+    }' "$out/commands.csv"
