@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use dvr_core::Cancellation;
+use dvr_core::dataset::{Normalise, ReadOptions, read_scene};
 use dvr_core::files::{read_depth_exr, read_mask, read_rgb};
 use dvr_core::mesh::{Material, Mesh, TexturedMesh, read_mesh, shapes, write_mesh};
 use dvr_core::npz::NpzFile;
@@ -293,6 +294,25 @@ fn the_reader_finds_what_was_rendered() {
     assert!(surface.points.iter().all(|p| (p.length() - 0.45).abs() < 1e-3));
     let outward = surface.points.iter().zip(surface.normals.unwrap()).all(|(p, n)| p.normalize().dot(n) > 0.99);
     assert!(outward, "normals point outwards");
+}
+
+#[test]
+fn a_scene_that_is_read_again_at_the_place_it_had_is_the_same_bit_for_bit() {
+    let out = tempfile::tempdir().unwrap();
+    for (i, radius) in [5.0, 0.7, 1.3, 2.9, 0.31, 11.7].into_iter().enumerate() {
+        let mut ball = shapes::icosphere(2, radius);
+        ball.vertices.iter_mut().for_each(|v| v.y += 0.37);
+        let name = format!("ball{i}");
+        render_dataset(&textured(ball), &name, "things", out.path(), &small(), &quiet).unwrap();
+        let folder = out.path().join("things").join(name);
+        let scene = Scene::read(&folder).unwrap();
+        let placed = ReadOptions { normalise: Normalise::Given(scene.object_to_world), ..ReadOptions::default() };
+        let again = read_scene(&folder, &placed).unwrap();
+        assert_eq!(again.object_to_world, scene.object_to_world, "radius {radius}");
+        for (again, view) in again.views.iter().zip(&scene.views) {
+            assert_eq!(again.camera, view.camera, "radius {radius}");
+        }
+    }
 }
 
 #[test]

@@ -66,7 +66,12 @@ pub(super) fn into_object_space(
             move_all(&mut sparse.cloud.points);
         }
     }
-    Ok((compose(&raw.files_to_world, &object_to_files), region))
+    // What was given comes back bit for bit: a run that is resumed stays where it was.
+    let object_to_world = match normalise {
+        Normalise::Given(given) => given,
+        _ => compose(&raw.files_to_world, &object_to_files),
+    };
+    Ok((object_to_world, region))
 }
 
 /// Asks whom `normalise` names for where the object is.
@@ -78,6 +83,10 @@ fn place_of_object(raw: &RawScene, views: &[View], asked: &[bool], normalise: No
         (Normalise::Files, ObjectBounds::Bound(bound)) => Place::cube(bound, RegionEvidence::Files),
         (Normalise::Files, ObjectBounds::Unknown) => {
             return Err(Error::NoPlace { path: raw.root.clone(), format: raw.format });
+        }
+        // The files' own space, without the rounding of there and back.
+        (Normalise::Given(object_to_world), _) if object_to_world == raw.files_to_world => {
+            Place::cube(Similarity::default(), RegionEvidence::Given)
         }
         (Normalise::Given(object_to_world), _) => {
             Place::cube(compose(&raw.files_to_world.inverse(), &object_to_world), RegionEvidence::Given)
