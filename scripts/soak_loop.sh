@@ -6,9 +6,9 @@
 # Trains each SCENE with the default settings, makes its mesh anew, renders an orbit and measures the run, round after round, until SECONDS
 # are over; the scene that was begun is ended. The temporary folder is OUT/tmp, and every round writes over the results of the round before.
 # Writes OUT/commands.csv: round, scene, command, seconds since the start, peak resident memory in MB, files in the temporary folder,
-# temporary files of `dvr` in OUT, files of the scene's results. Prints for each command the peak memory over the first and over the last
-# third of the rounds, and fails where the second is more than 2 % larger, where a temporary file stays, or where the number of files of
-# results changes. Needs `dvr` on the PATH (or in $DVR), awk and GNU time. Run it from the root of the repository.
+# temporary files of `dvr` in OUT, files of the scene's results. Prints for each command the mean peak memory of the first and of the last
+# third of the rounds. Fails where it grows (by more than two standard errors and 2 %), where a temporary file stays, or where the number
+# of files of results changes. Needs `dvr` on the PATH (or in $DVR), awk and GNU time. Run it from the root of the repository.
 set -eu
 
 [ $# -ge 3 ] || { sed -n '2,12s/^# \{0,1\}//p' "$0" >&2; exit 2; }
@@ -51,24 +51,33 @@ done
 
 awk -F, -v rounds=$round '
     NR == 1 { next }
-    { key = $3 " " $2 }
+    { key = $3 " " $2; end = $4 }
     $1 == 1 { order[++keys] = key }
     # In the first round there are no results of the commands that follow.
     $1 == 2 { files[key] = $8 }
-    3 * $1 <= rounds + 2 && $5 > first[key] { first[key] = $5 }
-    3 * $1 > 2 * rounds && $5 > last[key] { last[key] = $5 }
+    3 * $1 <= rounds + 2 { n[1, key]++; sum[1, key] += $5; squares[1, key] += $5 ^ 2 }
+    3 * $1 > 2 * rounds { n[2, key]++; sum[2, key] += $5; squares[2, key] += $5 ^ 2 }
     $6 > 0 || $7 > 0 { left++ }
     $1 > 2 && $8 != files[key] { changed[key] = 1 }
-    { end = $4 }
+    # The square of the standard error of a mean.
+    function uncertainty(part, key,    m) {
+        m = sum[part, key] / n[part, key]
+        return n[part, key] > 1 ? (squares[part, key] / n[part, key] - m ^ 2) / (n[part, key] - 1) : 0
+    }
     END {
         printf "%d rounds in %d s, %d commands; temporary files that stayed: %d\n\n", rounds, end, NR - 1, left
-        print "| command | peak memory, first third of the rounds, MB | last third, MB | |\n|---|---:|---:|---|"
+        print "| command | peak memory, mean of the first third of the rounds, MB | of the last third | change | |\n|---|---:|---:|---:|---|"
         for (i = 1; i <= keys; i++) {
             key = order[i]
-            verdict = last[key] > 1.02 * first[key] ? "GROWS" : "flat"
+            if (!n[2, key]) continue
+            before = sum[1, key] / n[1, key]
+            change = sum[2, key] / n[2, key] - before
+            error = sqrt(uncertainty(1, key) + uncertainty(2, key))
+            verdict = change > 2 * error && change > 0.02 * before ? "GROWS" : "flat"
+            if (n[1, key] < 3 || n[2, key] < 3) verdict = verdict " (few rounds)"
             if (key in changed) verdict = verdict ", the number of files changes"
-            bad += verdict != "flat"
-            printf "| %s | %.1f | %.1f | %s |\n", key, first[key], last[key], verdict
+            bad += verdict ~ /^GROWS$|changes/
+            printf "| %s | %.1f | %.1f | %+.1f +- %.1f MB | %s |\n", key, before, before + change, change, error, verdict
         }
         exit left > 0 || bad > 0
     }' "$out/commands.csv"
