@@ -8,6 +8,7 @@ use dvr_core::OutputError;
 use dvr_core::files::FolderKind;
 use dvr_core::number_range::OutOfRange;
 use dvr_report::Diagnostic;
+use dvr_texture::TextureError;
 use dvr_train::{CodesError, Error as TrainError};
 
 /// The remedy for the first cause in the chain that has one: one or two sentences with their full stops.
@@ -16,6 +17,7 @@ pub fn remedy(error: &anyhow::Error) -> Option<String> {
         None.or_else(|| cause.downcast_ref().and_then(of_core))
             .or_else(|| cause.downcast_ref().and_then(of_grid))
             .or_else(|| cause.downcast_ref().and_then(of_train))
+            .or_else(|| cause.downcast_ref().and_then(of_texture))
             .or_else(|| cause.downcast_ref().and_then(of_extraction))
             .or_else(|| cause.downcast_ref().and_then(of_record))
             .or_else(|| cause.downcast_ref().and_then(of_report))
@@ -78,6 +80,22 @@ fn of_system(error: &std::io::Error) -> Option<String> {
                 .into(),
         ),
         ErrorKind::ReadOnlyFilesystem => Some("Nothing can be written there: choose another folder with --out.".into()),
+        _ => None,
+    }
+}
+
+/// Textures.
+fn of_texture(error: &TextureError) -> Option<String> {
+    match error {
+        TextureError::NoFaces => Some("A point cloud has none: make a mesh of it first.".into()),
+        TextureError::InsideOut => Some("Turn its faces around, as Blender's Recalculate Outside does.".into()),
+        TextureError::Hidden { .. } => Some(
+            "The mesh must be in the coordinates of the scene's files, and not inside out: its faces wind counter-clockwise \
+             seen from outside."
+                .into(),
+        ),
+        TextureError::TooManyCharts { .. } => Some("Choose a larger --size.".into()),
+        TextureError::Memory { .. } => Some("Choose a smaller --size.".into()),
         _ => None,
     }
 }

@@ -37,8 +37,9 @@ fn it_beats_the_hull_and_notes_its_resolution() {
     assert!(iou("grid") > iou("hull") && iou("grid") > 0.8, "{} against {}", iou("grid"), iou("hull"));
     let bytes = metrics(&tiny, "grid")["bytes"].as_u64().unwrap();
     assert!(bytes > 1000 && bytes < 60_000, "{bytes}");
-    let mesh = read_mesh(tiny.path("grid/mesh.glb")).unwrap().mesh;
-    assert!(mesh.colors.is_some());
+    let textured = read_mesh(tiny.path("grid/mesh.glb")).unwrap();
+    assert!(textured.materials.iter().any(|material| material.texture.is_some()));
+    assert!(read_mesh(tiny.path("grid/mesh.ply")).unwrap().mesh.colors.is_some());
 
     // Whatever takes a run takes its compact field alone.
     let scene_file = tiny.path("grid/scene.dvr");

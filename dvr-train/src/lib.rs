@@ -62,6 +62,7 @@ pub use export::mesh::{ColorSource, MeshOptions, object_mesh, world_mesh};
 pub use export::preview;
 pub use export::run_metrics::RunMetrics;
 pub use export::run_results::{RunResults, extraction_warnings, finish};
+pub use export::texture::photo_texture;
 pub use export::views::surface_points;
 pub use import::convert::{ImportOptions, ImportedScene, import};
 pub use import::reference_config::ReferenceConfig;

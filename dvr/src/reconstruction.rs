@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use dvr_core::mesh::{Mesh, TexturedMesh, shapes, write_mesh};
+use dvr_core::mesh::{Look, Mesh, TexturedMesh, shapes, write_mesh, write_textured_mesh};
 use dvr_core::synth::{SynthConfig, render_dataset};
 use dvr_core::{Cancellation, Scene, refine_masks};
 use dvr_train::{Observer, RunFolder, RunMetrics, RunOptions, RunResults, Trained, TrainedModel, finish, train};
@@ -16,17 +16,25 @@ pub struct Reconstruction {
     pub field: Box<dyn TrainedModel>,
     /// The coloured surface in the coordinates and units of the scene's files; empty where the field has none.
     pub mesh: Mesh,
+    /// The same with a texture from the photographs; `None` where [`Options::mesh`] asks for none.
+    pub textured: Option<TexturedMesh>,
     /// Figures, notes and warnings.
     pub report: RunMetrics,
 }
 
 impl Reconstruction {
-    /// Writes the mesh; the ending says how: `.ply`, `.glb` or `.obj`.
+    /// Writes the mesh; the ending says how: `.ply` with colours per vertex, `.glb` or `.obj` with the texture where there
+    /// is one.
     ///
     /// # Errors
     /// When the file cannot be written.
     pub fn save_mesh(&self, path: &Path) -> Result<()> {
-        Ok(write_mesh(path, &self.mesh)?)
+        match &self.textured {
+            Some(textured) if path.extension().is_none_or(|extension| extension != "ply") => {
+                Ok(write_textured_mesh(path, textured, Look::Baked)?)
+            }
+            _ => Ok(write_mesh(path, &self.mesh)?),
+        }
     }
 }
 
@@ -70,9 +78,10 @@ pub fn reconstruct_observed(
         ..RunOptions::new(folder.clone(), options.device.clone())
     };
     let trained = train(&mut scene, method, None, &run, observer)?;
-    let RunResults { mesh, metrics, .. } = finish(&scene, method, &trained, &folder, &options.mesh, observer)?;
+    let RunResults { mesh, textured, metrics, .. } =
+        finish(&scene, method, &trained, &folder, &options.mesh, observer)?;
     let Trained { model, .. } = trained;
-    Ok(Reconstruction { field: model, mesh: mesh.unwrap_or_default(), report: metrics })
+    Ok(Reconstruction { field: model, mesh: mesh.unwrap_or_default(), textured, report: metrics })
 }
 
 /// Renders a small scene, a ball seen from eight sides, into `folder`: something to try [`reconstruct`] on.

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 
 use super::device::{BackendArg, MemoryArg};
+use super::texture::TextureArg;
 use super::values::within;
 
 /// Where the colours of a mesh come from.
@@ -77,6 +78,8 @@ pub struct MeshArgs {
     pub data: Option<PathBuf>,
     #[command(flatten)]
     pub meshing: MeshingArgs,
+    #[command(flatten)]
+    pub texture: TextureArg,
     #[command(flatten)]
     pub backend: BackendArg,
     #[command(flatten)]

@@ -12,6 +12,7 @@ mod report;
 mod scene;
 mod stress;
 mod synth;
+mod texture;
 mod train;
 mod values;
 mod variant;
@@ -31,6 +32,7 @@ pub use report::ReportArgs;
 pub use scene::{InfoArgs, SceneArgs};
 pub use stress::StressArgs;
 pub use synth::SynthArgs;
+pub use texture::TextureArgs;
 pub use train::TrainArgs;
 pub use variant::Variant;
 
@@ -50,7 +52,7 @@ const LONG_ABOUT: &str = "Textured meshes from posed photographs, by differentia
 
 dvr reconstructs an object from photographs with known cameras and masks. It trains an occupancy and colour field whose \
 rendered depth has an exact, analytic gradient, and extracts a mesh. Check a scene with `dvr info SCENE`; `dvr train SCENE \
---out RUN` then trains, and writes the mesh (PLY and GLB), a preview sheet, metrics and a report.";
+--out RUN` then trains, and writes the mesh (PLY, and GLB with a texture), a preview sheet, metrics and a report.";
 
 /// The commands.
 #[derive(Debug, Subcommand)]
@@ -61,6 +63,8 @@ pub enum Command {
     Train(TrainArgs),
     /// Extract a run's mesh, at any resolution and in any format
     Mesh(MeshArgs),
+    /// Give any mesh a texture from a scene's photographs
+    Texture(TextureArgs),
     /// Render a run: the dataset's views, or an orbit with a turntable animation
     Render(RenderArgs),
     /// Evaluate a run or a mesh: shape against ground truth or verified points, renders against test views

@@ -11,6 +11,7 @@ use super::device::BackendArg;
 use super::mesh::MeshingArgs;
 use super::method::{CapacityArg, MethodName, parse_capacity};
 use super::scene::SceneArgs;
+use super::texture::TextureArg;
 use super::values::{parse_bytes, parse_duration, within};
 use crate::backend::Backend;
 
@@ -79,6 +80,8 @@ pub struct TrainArgs {
     pub objects: ObjectsArgs,
     #[command(flatten)]
     pub meshing: MeshingArgs,
+    #[command(flatten)]
+    pub texture: TextureArg,
     #[command(flatten)]
     pub backend: BackendArg,
     /// Train a network data parallel on several devices, instead of --backend, e.g. gpu:0,gpu:1. Each step's rays, or

@@ -1,12 +1,17 @@
 //! `dvr mesh`: the mesh of a run.
 
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Result, bail};
-use dvr_core::Cancellation;
-use dvr_core::mesh::write_mesh;
-use dvr_train::{RunFolder, ViewSplit, extraction_warnings, method_of, object_mesh, surface_points, world_mesh};
+use dvr_core::files::check_file;
+use dvr_core::mesh::{Look, write_mesh, write_textured_mesh};
+use dvr_core::{Cancellation, Similarity};
+use dvr_train::{
+    MeshOptions, RunFolder, ViewSplit, extraction_warnings, method_of, object_mesh, photo_texture, surface_points,
+};
 
+use super::texture::sentence;
 use super::{SCENE_RESOLUTION, load_model, load_run, mesh_options, place_for, print_notes, scene_of_run};
 use crate::args::MeshArgs;
 use crate::memory;
@@ -20,10 +25,14 @@ pub fn run(args: &MeshArgs, cancellation: &Cancellation) -> Result<ExitCode> {
     let folder = RunFolder::new(if args.run.is_dir() { args.run.clone() } else { parent(&args.run) });
     let own = vec![folder.mesh_ply(), folder.mesh_glb()];
     let (targets, _writing) = place_for(&folder, args.out.as_ref(), own, args.overwrite)?;
+    let texture = args.texture.texture.settings();
+    for beside in targets.iter().flat_map(|target| files_beside(target, texture.is_some())) {
+        check_file(&beside, args.overwrite)?;
+    }
     let method = method_of(&checkpoint.header.method)?;
     let device = args.backend.backend.device_for(method.as_ref())?;
     memory::limit(&device, args.memory.memory);
-    let options = mesh_options(&args.meshing, SCENE_RESOLUTION, cancellation);
+    let options = MeshOptions { texture, ..mesh_options(&args.meshing, SCENE_RESOLUTION, cancellation) };
     memory::check_extraction(&options.extraction, &device, args.memory.memory)?;
     let model = load_model(&checkpoint, args.object, &device)?;
     // The scene helps to find thin parts and gives sharp colours, but a mesh can do without. Models of many objects have
@@ -47,23 +56,38 @@ pub fn run(args: &MeshArgs, cancellation: &Cancellation) -> Result<ExitCode> {
     let seeds = surface_points(model.thorough_shader().as_ref(), &views, SEED_RAYS);
     let extracted = object_mesh(model.as_ref(), &options, &seeds, &views)?;
     print_notes(&extraction_warnings(&extracted));
-    let mesh = if args.object_space {
-        extracted.mesh
-    } else {
-        // An imported run may not have known its scene.
-        let object_to_world = match &scene {
-            Some(Ok(scene)) => &scene.object_to_world,
-            _ => &checkpoint.header.object_to_world,
-        };
-        world_mesh(&extracted.mesh, object_to_world)
+    let mut warnings = Vec::new();
+    let textured = photo_texture(&extracted.mesh, &views, &options, &mut warnings)?;
+    print_notes(&warnings);
+    // An imported run may not have known its scene.
+    let to_world = match &scene {
+        _ if args.object_space => Similarity::default(),
+        Some(Ok(scene)) => scene.object_to_world,
+        _ => checkpoint.header.object_to_world,
     };
+    let mesh = extracted.mesh.transformed(&to_world);
+    if let Some(textured) = &textured {
+        println!("{}", sentence(&textured.report));
+    }
+    let textured = textured.map(|textured| textured.mesh.transformed(&to_world));
     for path in &targets {
-        write_mesh(path, &mesh)?;
+        match &textured {
+            Some(textured) if path.extension().is_some_and(|extension| extension != "ply") => {
+                write_textured_mesh(path, textured, Look::Baked)?;
+            }
+            _ => write_mesh(path, &mesh)?,
+        }
         println!("wrote {} ({} vertices, {} faces)", path.display(), mesh.vertices.len(), mesh.faces.len());
     }
     Ok(ExitCode::SUCCESS)
 }
 
-fn parent(path: &std::path::Path) -> std::path::PathBuf {
-    path.parent().unwrap_or(std::path::Path::new(".")).to_owned()
+/// What an OBJ with a texture brings along.
+fn files_beside(target: &Path, has_texture: bool) -> Vec<PathBuf> {
+    let is_obj = target.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("obj"));
+    if is_obj && has_texture { ["mtl", "png"].map(|kind| target.with_extension(kind)).into() } else { Vec::new() }
+}
+
+fn parent(path: &Path) -> PathBuf {
+    path.parent().unwrap_or(Path::new(".")).to_owned()
 }

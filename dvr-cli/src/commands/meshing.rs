@@ -34,5 +34,5 @@ pub fn surface_options(args: &SurfaceArgs, resolution: u32, cancellation: &Cance
         cancellation: cancellation.clone(),
         ..base.extraction
     };
-    MeshOptions { extraction, colors: ColorSource::Field, max_simplification: args.simplify }
+    MeshOptions { extraction, colors: ColorSource::Field, max_simplification: args.simplify, texture: None }
 }

@@ -28,6 +28,7 @@ mod shape_table;
 mod stored_run;
 pub mod stress;
 pub mod synth;
+pub mod texture;
 pub mod train;
 mod train_objects;
 

@@ -99,6 +99,11 @@ fn cost(list: &mut List, metrics: &RunMetrics, coverage: Option<Coverage>) {
     if let Some([_, faces]) = metrics.mesh {
         list.add("Mesh", format!("{} faces", count(faces)), "as written to mesh.ply and mesh.glb");
     }
+    if let Some(texture) = metrics.texture {
+        let explanation =
+            format!("edge of the texture of mesh.glb; photographs show {:.0} % of it", 100.0 * texture.seen);
+        list.add("Texture", format!("{} texels", texture.size), &explanation);
+    }
 }
 
 /// Of a model of many objects.

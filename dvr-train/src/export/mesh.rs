@@ -4,6 +4,7 @@ use dvr_core::mesh::Mesh;
 use dvr_core::{Camera, Similarity, View, Visibility};
 use dvr_render::extract::ExtractError;
 use dvr_render::extract::{ExtractSettings, Extraction, ScalarField, extract_mesh};
+use dvr_texture::TextureSettings;
 use glam::Vec3;
 
 use crate::error::{Error, Result};
@@ -29,6 +30,9 @@ pub struct MeshOptions {
     pub colors: ColorSource,
     /// How far, in object units, the surface may move to save triangles; 0 keeps them all.
     pub max_simplification: f32,
+    /// How photographs become the texture of a run's mesh; `None` for none. Colours of the field
+    /// ([`ColorSource::Field`]) have none either.
+    pub texture: Option<TextureSettings>,
 }
 
 impl MeshOptions {
@@ -37,7 +41,7 @@ impl MeshOptions {
     pub fn with_resolution(resolution: usize) -> Self {
         let upsampling_steps = (resolution / 64).max(1).ilog2() as usize;
         let extraction = ExtractSettings { resolution, upsampling_steps, ..ExtractSettings::default() };
-        Self { extraction, ..Self::default() }
+        Self { extraction, texture: Some(TextureSettings::default()), ..Self::default() }
     }
 }
 

@@ -6,4 +6,5 @@ pub(crate) mod mesh;
 pub mod preview;
 pub(crate) mod run_metrics;
 pub(crate) mod run_results;
+pub(crate) mod texture;
 pub(crate) mod views;

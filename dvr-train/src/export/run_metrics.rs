@@ -2,6 +2,7 @@
 
 use dvr_core::ViewNames;
 use dvr_render::ViewMetrics;
+use dvr_texture::TextureReport;
 use serde::{Deserialize, Serialize};
 
 use crate::evaluate::{PointsEvaluation, ShapeEvaluation};
@@ -30,6 +31,9 @@ pub struct RunMetrics {
     pub model_seconds: f64,
     /// Vertices and faces of the mesh; `None` where there is no surface.
     pub mesh: Option<[usize; 2]>,
+    /// The texture of the mesh; `None` where it has none.
+    #[serde(default)]
+    pub texture: Option<TextureReport>,
     /// The shape against the truth, where the scene has it.
     pub shape: ShapeEvaluation,
     /// The mesh against the points that come with the scene, where it brings any; in the units of its files.
@@ -39,7 +43,8 @@ pub struct RunMetrics {
     pub views: ViewNames,
     /// Renders of the field against test views, on an even subset of their pixels: nothing was chosen by these.
     pub test: Option<ViewMetrics>,
-    /// Renders of the coloured mesh, unlit, against the same pixels: what the user takes home.
+    /// Renders of the mesh with its texture (without one, with the colours of its vertices), unlit, against the same
+    /// pixels: what the user takes home.
     pub test_mesh: Option<ViewMetrics>,
     /// Renders of the field against validation views, which the run was guided by: no measure of quality.
     pub validation: Option<ViewMetrics>,

@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use dvr_core::mesh::{Mesh, write_mesh};
+use dvr_core::mesh::{Look, Mesh, TexturedMesh, write_mesh, write_textured_mesh};
 use dvr_core::metrics::points::PointsSettings;
 use dvr_core::{Camera, Cancellation, Exposure, Scene, View, ViewSplit};
 use dvr_render::extract::Extraction;
@@ -14,6 +14,7 @@ use crate::evaluate::{PointsEvaluation, evaluate_shape};
 use crate::export::mesh::{MeshOptions, object_mesh, world_mesh};
 use crate::export::preview::preview_sheet;
 use crate::export::run_metrics::RunMetrics;
+use crate::export::texture::photo_texture;
 use crate::export::views::surface_points;
 use crate::methods::method::Method;
 use crate::observer::Observer;
@@ -38,6 +39,8 @@ const PREVIEW: (usize, u32) = (4, 256);
 pub struct RunResults {
     /// The mesh in the coordinates and units of the scene's files; `None` where the field has no surface.
     pub mesh: Option<Mesh>,
+    /// The same with a texture from the photographs, where one was asked for.
+    pub textured: Option<TexturedMesh>,
     /// Input, render, depth and normals side by side.
     pub preview: RgbImage,
     /// The figures.
@@ -66,11 +69,19 @@ impl RunResults {
         let mut warnings = scene.warnings.clone();
         let mesh = extract(trained, options, &views, &mut warnings)?;
         laps.done("mesh")?;
+        let textured = match &mesh {
+            Some(mesh) => photo_texture(mesh, &views.train, options, &mut warnings)?,
+            None => None,
+        };
+        laps.done("texture")?;
 
         let shown = spread(if views.test.is_empty() { &views.train } else { &views.test }, PREVIEW.0);
         // The sheet shows the mesh, which is what the user keeps, where there is one.
         let shader = model.shader(SAMPLES);
-        let mesh_shader = mesh.as_ref().map(MeshShader::new);
+        let mesh_shader = match &textured {
+            Some(textured) => Some(MeshShader::textured(&textured.mesh)),
+            None => mesh.as_ref().map(MeshShader::new),
+        };
         let kept = mesh_shader.as_ref().map_or(shader.as_ref(), |shader| shader as &dyn Shader);
         let preview = preview_sheet(kept, &shown, PREVIEW.1);
         laps.done("preview")?;
@@ -100,6 +111,7 @@ impl RunResults {
             training_seconds: outcome.seconds,
             model_seconds: outcome.header.seconds,
             mesh: mesh.as_ref().map(|mesh| [mesh.vertices.len(), mesh.faces.len()]),
+            texture: textured.as_ref().map(|textured| textured.report),
             shape,
             points,
             views: outcome.header.views.clone().unwrap_or_default(),
@@ -113,17 +125,21 @@ impl RunResults {
             finishing_seconds: laps.seconds,
             measuring_seconds: outcome.measuring_seconds,
         };
-        Ok(Self { mesh: in_world, preview, metrics })
+        let textured = textured.map(|textured| textured.mesh.transformed(&outcome.header.object_to_world));
+        Ok(Self { mesh: in_world, textured, preview, metrics })
     }
 
-    /// Writes mesh (PLY and GLB), preview sheet and figures into a run's folder.
+    /// Writes mesh (PLY with colours per vertex, GLB with the texture where there is one), preview sheet and figures into a run's folder.
     ///
     /// # Errors
     /// When a file cannot be written.
     pub fn save(&self, folder: &RunFolder) -> Result<()> {
         if let Some(mesh) = &self.mesh {
             write_mesh(folder.mesh_ply(), mesh)?;
-            write_mesh(folder.mesh_glb(), mesh)?;
+            match &self.textured {
+                Some(textured) => write_textured_mesh(folder.mesh_glb(), textured, Look::Baked)?,
+                None => write_mesh(folder.mesh_glb(), mesh)?,
+            }
         }
         dvr_core::files::write_rgb_png(&folder.preview(), &self.preview)?;
         let json = serde_json::to_string_pretty(&self.metrics);
@@ -184,7 +200,7 @@ struct Laps<'o> {
 
 impl<'o> Laps<'o> {
     fn new(observer: &'o mut dyn Observer, cancellation: &'o Cancellation) -> Self {
-        observer.phase("mesh, preview and figures", 4);
+        observer.phase("mesh, texture, preview and figures", 5);
         Self { clock: Instant::now(), seconds: Vec::new(), observer, cancellation }
     }
 

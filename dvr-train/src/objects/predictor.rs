@@ -54,8 +54,11 @@ impl Predictor {
                     Some(size) => model.field_of_picture(&dataset.read_input(object, input, size as u32)?),
                     None => model.field_of_row(training_row(dataset, object)?),
                 };
-                let options =
-                    MeshOptions { extraction: extraction.clone(), colors: ColorSource::Field, max_simplification: 0.0 };
+                let options = MeshOptions {
+                    extraction: extraction.clone(),
+                    colors: ColorSource::Field,
+                    ..MeshOptions::default()
+                };
                 match object_mesh(&FieldSurface::new(&field), &options, &[], &[]) {
                     Ok(extracted) => Ok(Shape::Mesh(extracted.mesh)),
                     Err(Error::NoMesh(_)) => Ok(Shape::Mesh(Mesh::default())),

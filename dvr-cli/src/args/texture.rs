@@ -1,0 +1,129 @@
+//! `dvr texture`, and how other commands make textures.
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+use dvr_core::mesh::Look;
+use dvr_texture::{SIZES, TextureSettings, TextureSize};
+
+use super::scene::SceneArgs;
+
+/// Arguments of `dvr texture`.
+#[derive(Args, Debug)]
+#[command(after_long_help = AFTER_HELP)]
+pub struct TextureArgs {
+    /// Mesh to colour: OBJ, PLY, OFF, glTF or GLB, in the coordinates and units of the scene's files, faces winding
+    /// counter-clockwise seen from outside
+    pub mesh: PathBuf,
+    /// Scene whose photographs give the colours
+    #[arg(long, value_name = "SCENE")]
+    pub data: PathBuf,
+    /// Output file, .glb (texture inside) or .obj (with .mtl and .png beside it)
+    #[arg(long, short, value_name = "FILE")]
+    pub out: PathBuf,
+    /// Replace the files at --out
+    #[arg(long)]
+    pub overwrite: bool,
+    /// Texels along the texture's edge: auto, at which a texel is about as large as a pixel of the photographs, or a number
+    /// [128 to 16384]
+    #[arg(long, default_value = "auto", value_parser = parse_texture_size, value_name = "N")]
+    pub size: TextureSize,
+    /// What viewers do with the colours
+    #[arg(long, value_enum, default_value_t = LookArg::Baked)]
+    pub look: LookArg,
+    /// Colour from all views, also from those that a run would leave out for validation and testing: `dvr eval` then
+    /// measures what the texture was made from
+    #[arg(long)]
+    pub all_views: bool,
+    #[command(flatten)]
+    pub reading: SceneArgs,
+}
+
+const AFTER_HELP: &str = "Examples:
+  dvr texture scan.ply --data photos/ --out scan.glb
+  dvr texture repaired.obj --data photos/ --size 4096 --out repaired.obj --overwrite
+  dvr eval scan.glb --data photos/
+
+Each texel takes the mean of the photographs that see it and agree; least squares over all pixels make it sharp. Surface \
+that no photograph sees keeps the mesh's own vertex colours, or takes those around.";
+
+/// What viewers do with the colours of a texture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum LookArg {
+    /// Show them as they are: the light of the photographs is in them (KHR_materials_unlit)
+    Baked,
+    /// Light them, as a rough surface
+    Material,
+}
+
+impl LookArg {
+    /// The library's look.
+    pub fn look(self) -> Look {
+        match self {
+            Self::Baked => Look::Baked,
+            Self::Material => Look::Material,
+        }
+    }
+}
+
+/// Whether and how a command makes a texture.
+#[derive(Args, Clone, Copy, Debug)]
+#[command(next_help_heading = "Mesh")]
+pub struct TextureArg {
+    /// Texture of the GLB (and of OBJ with `dvr mesh`) from the photographs: off, auto, at which a texel is no larger than a
+    /// pixel, or texels along its edge [128 to 16384]. It costs some seconds at the end; PLY has colours per vertex
+    #[arg(long, default_value = "auto", value_parser = parse_texture, value_name = "N")]
+    pub texture: TextureChoice,
+}
+
+/// The value of `--texture`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TextureChoice {
+    /// No texture.
+    Off,
+    /// A texture of this size.
+    Of(TextureSize),
+}
+
+impl TextureChoice {
+    /// The library's settings.
+    pub fn settings(self) -> Option<TextureSettings> {
+        match self {
+            Self::Off => None,
+            Self::Of(size) => Some(TextureSettings { size, ..TextureSettings::default() }),
+        }
+    }
+}
+
+/// Reads `auto` or a number of texels.
+pub(super) fn parse_texture_size(text: &str) -> Result<TextureSize, String> {
+    let size = if text == "auto" { Some(TextureSize::Auto) } else { text.parse().ok().map(TextureSize::Texels) };
+    let size = size.filter(|size| size.check().is_ok());
+    size.ok_or_else(|| format!("write auto, or a number of texels from {} to {}", SIZES.start(), SIZES.end()))
+}
+
+/// Reads `off`, `auto` or a number of texels.
+pub(super) fn parse_texture(text: &str) -> Result<TextureChoice, String> {
+    if text == "off" {
+        return Ok(TextureChoice::Off);
+    }
+    let of = parse_texture_size(text).map(TextureChoice::Of);
+    of.map_err(|problem| problem.replacen("write auto", "write off, auto", 1))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sizes_of_textures_are_read_or_refused() {
+        assert_eq!(parse_texture_size("auto"), Ok(TextureSize::Auto));
+        assert_eq!(parse_texture("2048"), Ok(TextureChoice::Of(TextureSize::Texels(2048))));
+        assert_eq!(parse_texture("off"), Ok(TextureChoice::Off));
+        for wrong in ["127", "16385", "-1", "big", "", "1e3"] {
+            let said = parse_texture(wrong).unwrap_err();
+            assert!(said.contains("off") && said.contains("from 128 to 16384"), "{said}");
+            assert!(parse_texture_size(wrong).is_err());
+        }
+    }
+}

@@ -1,0 +1,66 @@
+//! `dvr texture`: a texture from photographs for anybody's mesh.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::{Context, Result, bail};
+use dvr_core::files::check_file;
+use dvr_core::mesh::{read_mesh_with_warnings, write_textured_mesh};
+use dvr_core::{Cancellation, HOLD_OUT_EVERY, Scene, View, ViewSplit};
+use dvr_texture::{PARTS, TextureError, TextureReport, TextureSettings, texture_mesh};
+use dvr_train::Observer;
+
+use super::{SceneReading, print_notes, refinement_notes};
+use crate::args::TextureArgs;
+use crate::progress::Progress;
+
+/// Reads, colours and writes.
+pub fn run(args: &TextureArgs, cancellation: &Cancellation) -> Result<ExitCode> {
+    for path in outputs(&args.out)? {
+        check_file(&path, args.overwrite)?;
+    }
+    let mut warnings = Vec::new();
+    let found = read_mesh_with_warnings(&args.mesh, &mut warnings)?;
+    print_notes(&warnings);
+    if found.mesh.is_empty() {
+        return Err(TextureError::NoFaces).with_context(|| args.mesh.display().to_string());
+    }
+    let reading = SceneReading::of_arguments(&args.reading);
+    let divide = |scene: &mut Scene| Ok(scene.hold_out(HOLD_OUT_EVERY));
+    let (scene, parts, refined) = reading.read(&args.data, divide, cancellation)?;
+    print_notes(&scene.warnings);
+    print_notes(&refinement_notes(&refined));
+    let views: Vec<&View> = if args.all_views { scene.views.iter().collect() } else { ViewSplit::of(&scene)?.train };
+    if !args.all_views && views.len() < scene.views.len() {
+        eprintln!("views as a run with the default settings divides them: {parts}");
+    }
+    let mesh = found.mesh.transformed(&scene.object_to_world.inverse());
+    let settings = TextureSettings { size: args.size, ..TextureSettings::default() };
+    let mut progress = Progress::new();
+    progress.phase("texture", PARTS);
+    let textured = texture_mesh(&mesh, &views, &settings, cancellation, |done, part| progress.progress(done, part))?;
+    drop(progress);
+    let in_world = textured.mesh.transformed(&scene.object_to_world);
+    write_textured_mesh(&args.out, &in_world, args.look.look())?;
+    println!("{}", sentence(&textured.report));
+    for path in outputs(&args.out)? {
+        println!("wrote {}", path.display());
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// What a texture is, in a line.
+pub fn sentence(report: &TextureReport) -> String {
+    let TextureReport { size, charts, cover, seen } = report;
+    let [cover, seen] = [cover, seen].map(|share| 100.0 * share);
+    format!("texture: {size}x{size} texels, {charts} charts on {cover:.0} % of them; photographs show {seen:.1} %")
+}
+
+/// The files that are written.
+fn outputs(out: &Path) -> Result<Vec<PathBuf>> {
+    match out.extension().unwrap_or_default().to_string_lossy().to_lowercase().as_str() {
+        "glb" => Ok(vec![out.to_owned()]),
+        "obj" => Ok(vec![out.with_extension("png"), out.with_extension("mtl"), out.to_owned()]),
+        _ => bail!("{}: a mesh with a texture is written as .glb or .obj", out.display()),
+    }
+}

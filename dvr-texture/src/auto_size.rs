@@ -1,0 +1,49 @@
+//! How large a texture has to be to hold what the photographs show.
+
+use dvr_core::mesh::Mesh;
+use glam::Vec3;
+use rayon::prelude::*;
+
+use crate::photographs::Photograph;
+use crate::texels::{blend, corners};
+
+/// Faces that are looked at, about.
+const PROBES: usize = 20_000;
+
+/// Share of a texture that charts cover, about.
+const COVER: f64 = 0.4;
+
+/// Sizes that are chosen.
+const LEAST: u32 = 256;
+const MOST: u32 = 8192;
+
+/// The power of two nearest to the size at which a texel is, in the mean, as large as a pixel of the photograph that shows
+/// its place best.
+///
+/// `None` where no photograph sees the mesh.
+pub(crate) fn auto_size(mesh: &Mesh, normals: &[Vec3], photographs: &[Photograph]) -> Option<u32> {
+    let stride = mesh.faces.len().div_ceil(PROBES).max(1);
+    let best = |face: usize| {
+        let (points, directions) = corners(mesh, normals, face as u32);
+        let third = [1.0 / 3.0; 3];
+        let (point, normal) = (blend(points, third), blend(directions, third).normalize_or_zero());
+        let sights = photographs.iter().filter_map(|photograph| {
+            photograph.sight(point, normal).filter(|sight| photograph.is_open(sight)).map(|sight| sight.quality)
+        });
+        let [a, b, c] = points;
+        let area = f64::from(0.5 * (b - a).cross(c - a).length());
+        (area, area * f64::from(sights.fold(0.0, f32::max)))
+    };
+    let probes: Vec<(f64, f64)> = (0..mesh.faces.len()).into_par_iter().step_by(stride).map(best).collect();
+    let area: f64 = (0..mesh.faces.len())
+        .map(|face| {
+            let [a, b, c] = mesh.triangle(face);
+            f64::from(0.5 * (b - a).cross(c - a).length())
+        })
+        .sum();
+    let (probed, pixels) =
+        probes.iter().filter(|(_, pixels)| *pixels > 0.0).fold((0.0, 0.0), |(a, p), probe| (a + probe.0, p + probe.1));
+    // What no photograph sees takes as many texels as the rest.
+    let edge = (pixels / probed * area / COVER).sqrt();
+    (probed > 0.0).then(|| edge.log2().round().exp2().clamp(f64::from(LEAST), f64::from(MOST)) as u32)
+}

@@ -1,0 +1,94 @@
+//! Photographs as sources of colour: where they show the object, at the mean exposure of their scene.
+
+use dvr_core::mesh::Mesh;
+use dvr_core::{Bilinear, Exposure, View};
+use glam::{Vec2, Vec3};
+use rayon::prelude::*;
+
+use crate::view_buffer::ViewBuffer;
+
+/// Cells of all z-buffers together, at most: 512 MB. Where photographs have more pixels, a cell is several pixels wide.
+const MAX_CELLS: u64 = 64_000_000;
+
+/// A photograph that colours can be taken from, and what it sees of the mesh.
+#[derive(Debug)]
+pub(crate) struct Photograph<'a> {
+    view: &'a View,
+    exposure: Exposure,
+    /// Whether colours have to be corrected.
+    is_exposed: bool,
+    pub buffer: ViewBuffer,
+}
+
+impl<'a> Photograph<'a> {
+    /// The photographs of a mesh in the space of the views' cameras. Views whose exposure is not known, while that of
+    /// others is, say nothing of colour and are left out.
+    pub fn all(mesh: &Mesh, views: &[&'a View]) -> Vec<Self> {
+        let pixels: u64 = views.iter().map(|view| u64::from(view.camera.width) * u64::from(view.camera.height)).sum();
+        let stride = (pixels as f64 / MAX_CELLS as f64).sqrt().ceil().max(1.0) as u32;
+        let of = |view: &&'a View| {
+            let exposure = view.exposure?;
+            let buffer = ViewBuffer::draw(mesh, &view.camera, stride);
+            Some(Self { view, exposure, is_exposed: exposure != Exposure::default(), buffer })
+        };
+        views.par_iter().filter_map(of).collect()
+    }
+
+    /// The bilinear colour at pixel coordinates, sRGB in `[0, 1]`; `None` where one of the four pixels is not the
+    /// object's by the mask that training uses. A view without a mask shows the object wherever the mesh is.
+    #[inline]
+    pub fn color(&self, pixel: Vec2) -> Option<Vec3> {
+        let at = Bilinear::at_single(pixel, self.buffer.picture)?;
+        if let Some(mask) = self.view.training_mask()
+            && !at.pixels.iter().all(|&(u, v)| mask.is_object(u, v))
+        {
+            return None;
+        }
+        let corners = at.pixels.map(|(u, v)| {
+            let [r, g, b] = self.view.image.get_pixel(u, v).0;
+            Vec3::new(f32::from(r), f32::from(g), f32::from(b))
+        });
+        let color = at.value(corners) / 255.0;
+        Some(if self.is_exposed { self.exposure.corrected(color).clamp(Vec3::ZERO, Vec3::ONE) } else { color })
+    }
+
+    /// How well this photograph would show a piece of surface at a point: pixels per unit of its length, foreshortened,
+    /// squared. `None` where it is turned away, out of the frame, or too slanting.
+    #[inline]
+    pub fn sight(&self, point: Vec3, normal: Vec3) -> Option<Sight> {
+        let projection = &self.buffer.projection;
+        let to_camera = projection.center - point;
+        let cosine = normal.dot(to_camera) / to_camera.length();
+        if cosine < MIN_COSINE {
+            return None;
+        }
+        let (pixel, z_depth) = projection.project(point);
+        let (width, height) = self.buffer.picture;
+        let is_inside =
+            pixel.x >= 0.5 && pixel.y >= 0.5 && pixel.x < width as f32 - 0.5 && pixel.y < height as f32 - 0.5;
+        (z_depth > 0.0 && is_inside).then(|| {
+            let quality = (cosine * projection.focal / z_depth).powi(2);
+            Sight { pixel, z_depth, cosine, quality }
+        })
+    }
+
+    /// Whether nothing stands between the camera and what it would see.
+    #[inline]
+    pub fn is_open(&self, sight: &Sight) -> bool {
+        self.buffer.is_open(sight.pixel, sight.z_depth, sight.cosine)
+    }
+}
+
+/// Cosine between the line of sight and the normal below which a view does not see a surface ([`dvr_core::Visibility`]
+/// has the same bound).
+const MIN_COSINE: f32 = 0.2;
+
+/// How a photograph would show a point, were nothing in between.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Sight {
+    pub pixel: Vec2,
+    pub z_depth: f32,
+    pub cosine: f32,
+    /// Square pixels of the photograph per square unit of the surface.
+    pub quality: f32,
+}
