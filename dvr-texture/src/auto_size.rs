@@ -14,11 +14,14 @@ const PROBES: usize = 20_000;
 const COVER: f64 = 0.4;
 
 /// Sizes that are chosen.
-const LEAST: u32 = 256;
-const MOST: u32 = 8192;
+const LEAST: f64 = 256.0;
+const MOST: f64 = 8192.0;
 
-/// The power of two nearest to the size at which a texel is, in the mean, as large as a pixel of the photograph that shows
-/// its place best.
+/// Largest size that is always rounded up: the padding of charts takes much of small textures, and they cost little.
+const SMALL: f64 = 2048.0;
+
+/// The power of two next to the size at which a texel is, in the mean, as large as a pixel of the photograph that shows
+/// its place best: the larger one up to 2048, the nearer one beyond.
 ///
 /// `None` where no photograph sees the mesh.
 pub(crate) fn auto_size(mesh: &Mesh, normals: &[Vec3], photographs: &[Photograph]) -> Option<u32> {
@@ -45,5 +48,22 @@ pub(crate) fn auto_size(mesh: &Mesh, normals: &[Vec3], photographs: &[Photograph
         probes.iter().filter(|(_, pixels)| *pixels > 0.0).fold((0.0, 0.0), |(a, p), probe| (a + probe.0, p + probe.1));
     // What no photograph sees takes as many texels as the rest.
     let edge = (pixels / probed * area / COVER).sqrt();
-    (probed > 0.0).then(|| edge.log2().round().exp2().clamp(f64::from(LEAST), f64::from(MOST)) as u32)
+    (probed > 0.0).then(|| power_of_two(edge))
+}
+
+fn power_of_two(edge: f64) -> u32 {
+    let larger = edge.log2().ceil().exp2();
+    let size = if larger <= SMALL { larger } else { edge.log2().round().exp2() };
+    size.clamp(LEAST, MOST) as u32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn small_textures_are_rounded_up_and_large_ones_to_the_nearer_power() {
+        assert_eq!([10.0, 300.0, 1030.0].map(power_of_two), [256, 512, 2048]);
+        assert_eq!([2100.0, 2890.0, 2900.0, 1e6].map(power_of_two), [2048, 2048, 4096, 8192]);
+    }
 }

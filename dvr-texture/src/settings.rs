@@ -8,8 +8,8 @@ pub const SIZES: std::ops::RangeInclusive<u32> = 128..=16_384;
 /// How many texels a texture has along its edge.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum TextureSize {
-    /// The power of two from 256 to 8192 at which texels are most nearly as large as the pixels of the photographs that
-    /// show their places best.
+    /// The power of two from 256 to 8192 at which texels are about as large as the pixels of the photographs that show
+    /// their places best, and no larger in textures of up to 2048.
     #[default]
     Auto,
     /// So many, within [`SIZES`].
