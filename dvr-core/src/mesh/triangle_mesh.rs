@@ -46,6 +46,23 @@ impl Mesh {
         self
     }
 
+    /// Adds a vertex half way between two, with the mean of what is known of them; where photographs saw them, as the first
+    /// was seen. Returns its index.
+    pub(super) fn push_middle(&mut self, a: u32, b: u32) -> u32 {
+        let (a, b) = (a as usize, b as usize);
+        self.vertices.push((self.vertices[a] + self.vertices[b]) / 2.0);
+        if let Some(normals) = &mut self.normals {
+            normals.push((normals[a] + normals[b]).normalize_or(normals[a]));
+        }
+        if let Some(colors) = &mut self.colors {
+            colors.push([0, 1, 2].map(|c| (colors[a][c] + colors[b][c]) / 2.0));
+        }
+        if let Some(observations) = &mut self.observations {
+            observations.push(observations[a]);
+        }
+        self.vertices.len() as u32 - 1
+    }
+
     /// Other faces, over copies of these vertices with all that is known of them.
     pub(super) fn with_vertices(&self, sources: &[usize], faces: Vec<[u32; 3]>) -> Self {
         Self {

@@ -1,6 +1,6 @@
 //! How good a result is: [`shape`] against the true surface and volume, [`seen`] where views
 //! see it, [`points`] against points that are known to lie
-//! on it, [`picture`] against photographs.
+//! on it, [`picture`] against photographs; and [`Simplification`], a simple mesh against the full one.
 
 pub mod alignment;
 mod overlap;
@@ -8,5 +8,7 @@ pub mod picture;
 pub mod points;
 pub mod seen;
 pub mod shape;
+mod simplification;
 
 pub use overlap::intersection_over_union;
+pub use simplification::Simplification;
