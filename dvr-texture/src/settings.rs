@@ -36,12 +36,44 @@ impl TextureSize {
 pub struct TextureSettings {
     /// Its size.
     pub size: TextureSize,
+    /// The largest size that [`TextureSize::Auto`] chooses, within [`SIZES`].
+    pub largest_auto: u32,
     /// Steps of the least squares that make it agree with the photographs.
     pub steps: usize,
 }
 
+impl TextureSettings {
+    /// Checks both sizes.
+    pub(crate) fn check(&self) -> Result<(), TextureError> {
+        self.size.check()?;
+        TextureSize::Texels(self.largest_auto).check()
+    }
+
+    /// The texels along the edge where so many fit the photographs.
+    pub(crate) fn size_where(&self, fitting: u32) -> u32 {
+        match self.size {
+            TextureSize::Texels(size) => size,
+            TextureSize::Auto => fitting.min(self.largest_auto),
+        }
+    }
+}
+
 impl Default for TextureSettings {
     fn default() -> Self {
-        Self { size: TextureSize::Auto, steps: 8 }
+        Self { size: TextureSize::Auto, largest_auto: *SIZES.end(), steps: 8 }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_limit_holds_for_the_size_that_is_chosen_and_not_for_one_that_was_asked_for() {
+        let auto = TextureSettings { largest_auto: 2048, ..TextureSettings::default() };
+        assert_eq!([512, 2048, 8192].map(|fitting| auto.size_where(fitting)), [512, 2048, 2048]);
+        assert_eq!(TextureSettings { size: TextureSize::Texels(4096), ..auto }.size_where(512), 4096);
+        assert_eq!(TextureSettings::default().size_where(8192), 8192);
+        assert!(auto.check().is_ok() && TextureSettings { largest_auto: 64, ..auto }.check().is_err());
     }
 }

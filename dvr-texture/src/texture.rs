@@ -13,7 +13,7 @@ use crate::blend::blended;
 use crate::error::TextureError;
 use crate::fill::fill;
 use crate::photographs::Photograph;
-use crate::settings::{TextureSettings, TextureSize};
+use crate::settings::TextureSettings;
 use crate::solve::Samples;
 use crate::texels::Texels;
 
@@ -70,7 +70,7 @@ pub fn texture_mesh(
     cancellation: &Cancellation,
     mut progress: impl FnMut(usize, &str),
 ) -> Result<Textured, TextureError> {
-    settings.size.check()?;
+    settings.check()?;
     if mesh.is_empty() {
         return Err(TextureError::NoFaces);
     }
@@ -83,7 +83,7 @@ pub fn texture_mesh(
     cancellation.check()?;
     let fitting =
         auto_size(mesh, &normals, &photographs).ok_or(TextureError::Hidden { views: views.len(), seen: 0.0 })?;
-    let size = if let TextureSize::Texels(size) = settings.size { size } else { fitting };
+    let size = settings.size_where(fitting);
     check_memory(size)?;
     progress(1, "visibility");
     let atlas = Atlas::unwrap(mesh, size, PADDING, cancellation)?;
