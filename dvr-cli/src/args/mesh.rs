@@ -5,6 +5,8 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 
 use super::device::{BackendArg, MemoryArg};
+use super::faces::{FaceBudget, parse_faces};
+use super::preset::PresetArg;
 use super::texture::TextureArg;
 use super::values::within;
 
@@ -43,6 +45,10 @@ pub struct SurfaceArgs {
     /// [0 to 1]
     #[arg(long, default_value_t = 0.0, value_parser = within(0f32, 1.0), value_name = "SHARE")]
     pub simplify: f32,
+    /// Simplify the mesh to at most so many faces, those first whose loss moves the surface least: full, or a number, e.g.
+    /// 5k, 50k or 200k [from 4 to 100M; default: full, or what --preset says]
+    #[arg(long, value_parser = parse_faces, value_name = "N")]
+    pub faces: Option<FaceBudget>,
 }
 
 /// How a coloured mesh is made.
@@ -78,6 +84,8 @@ pub struct MeshArgs {
     pub data: Option<PathBuf>,
     #[command(flatten)]
     pub meshing: MeshingArgs,
+    #[command(flatten)]
+    pub preset: PresetArg,
     #[command(flatten)]
     pub texture: TextureArg,
     #[command(flatten)]

@@ -6,6 +6,8 @@ use clap::{Args, ValueEnum};
 use dvr_core::mesh::Look;
 use dvr_texture::{SIZES, TextureSettings, TextureSize};
 
+use super::faces::{FaceBudget, parse_faces};
+use super::preset::PresetArg;
 use super::scene::SceneArgs;
 
 /// Arguments of `dvr texture`.
@@ -25,9 +27,15 @@ pub struct TextureArgs {
     #[arg(long)]
     pub overwrite: bool,
     /// Texels along the texture's edge: auto, at which a texel is about as large as a pixel of the photographs, or a number
-    /// [128 to 16384]
-    #[arg(long, default_value = "auto", value_parser = parse_texture_size, value_name = "N")]
-    pub size: TextureSize,
+    /// [128 to 16384; default: auto]
+    #[arg(long, value_parser = parse_texture_size, value_name = "N")]
+    pub size: Option<TextureSize>,
+    /// Simplify the mesh first, to at most so many faces, those first whose loss moves the surface least: full, or a
+    /// number, e.g. 5k, 50k or 200k [from 4 to 100M; default: full, or what --preset says]
+    #[arg(long, value_parser = parse_faces, value_name = "N")]
+    pub faces: Option<FaceBudget>,
+    #[command(flatten)]
+    pub preset: PresetArg,
     /// What viewers do with the colours
     #[arg(long, value_enum, default_value_t = LookArg::Baked)]
     pub look: LookArg,
@@ -42,6 +50,7 @@ pub struct TextureArgs {
 const AFTER_HELP: &str = "Examples:
   dvr texture scan.ply --data photos/ --out scan.glb
   dvr texture repaired.obj --data photos/ --size 4096 --out repaired.obj --overwrite
+  dvr texture scan.ply --data photos/ --preset web --out small.glb
   dvr eval scan.glb --data photos/
 
 Each texel takes the mean of the photographs that see it and agree; least squares over all pixels make it sharp. Surface \
@@ -71,9 +80,10 @@ impl LookArg {
 #[command(next_help_heading = "Mesh")]
 pub struct TextureArg {
     /// Texture of the GLB (and of OBJ with `dvr mesh`) from the photographs: off, auto, at which a texel is no larger than a
-    /// pixel, or texels along its edge [128 to 16384]. It costs some seconds at the end; PLY has colours per vertex
-    #[arg(long, default_value = "auto", value_parser = parse_texture, value_name = "N")]
-    pub texture: TextureChoice,
+    /// pixel, or texels along its edge [128 to 16384; default: auto]. It costs some seconds at the end; PLY has colours per
+    /// vertex
+    #[arg(long, value_parser = parse_texture, value_name = "N")]
+    pub texture: Option<TextureChoice>,
 }
 
 /// The value of `--texture`.
@@ -85,13 +95,24 @@ pub enum TextureChoice {
     Of(TextureSize),
 }
 
-impl TextureChoice {
-    /// The library's settings.
-    pub fn settings(self) -> Option<TextureSettings> {
-        match self {
-            Self::Off => None,
-            Self::Of(size) => Some(TextureSettings { size, ..TextureSettings::default() }),
+impl TextureArg {
+    /// The library's settings; `None` for no texture.
+    pub fn settings(self, preset: PresetArg) -> Option<TextureSettings> {
+        match self.texture {
+            Some(TextureChoice::Off) => None,
+            Some(TextureChoice::Of(size)) => Some(texture_settings(Some(size), preset)),
+            None => Some(texture_settings(None, preset)),
         }
+    }
+}
+
+/// The library's settings for a size that was asked for, or else the preset's.
+pub fn texture_settings(size: Option<TextureSize>, preset: PresetArg) -> TextureSettings {
+    let default = TextureSettings::default();
+    match (size, preset.max_texels()) {
+        (Some(size), _) => TextureSettings { size, ..default },
+        (None, Some(largest_auto)) => TextureSettings { largest_auto, ..default },
+        (None, None) => default,
     }
 }
 
@@ -113,7 +134,19 @@ pub(super) fn parse_texture(text: &str) -> Result<TextureChoice, String> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::preset::Preset;
     use super::*;
+
+    #[test]
+    fn the_preset_limits_a_size_that_was_not_asked_for() {
+        let web = PresetArg { preset: Preset::Web };
+        let of = |texture: Option<TextureChoice>| TextureArg { texture }.settings(web);
+        assert_eq!(of(None).map(|settings| (settings.size, settings.largest_auto)), Some((TextureSize::Auto, 2048)));
+        let asked = of(Some(TextureChoice::Of(TextureSize::Auto))).unwrap();
+        assert_eq!(asked, TextureSettings::default());
+        assert_eq!(of(Some(TextureChoice::Of(TextureSize::Texels(4096)))).unwrap().size, TextureSize::Texels(4096));
+        assert_eq!(of(Some(TextureChoice::Off)), None);
+    }
 
     #[test]
     fn sizes_of_textures_are_read_or_refused() {

@@ -10,6 +10,7 @@ use dvr_train::Supervision;
 use super::device::BackendArg;
 use super::mesh::MeshingArgs;
 use super::method::{CapacityArg, MethodName, parse_capacity};
+use super::preset::PresetArg;
 use super::scene::SceneArgs;
 use super::texture::TextureArg;
 use super::values::{parse_bytes, parse_duration, within};
@@ -37,7 +38,7 @@ pub struct TrainArgs {
     #[arg(long, value_name = "WHAT", help_heading = "Training")]
     pub supervision: Option<Supervision>,
     /// Reconstruction method [default: grid; for datasets of objects: objects]
-    #[arg(long, visible_alias = "preset", value_enum, help_heading = "Training")]
+    #[arg(long, value_enum, help_heading = "Training")]
     pub method: Option<MethodName>,
     /// Finest grid of the method `grid`: auto (decided on validation views), or cells per edge, a power of two from 32 to
     /// 512 [default: auto]
@@ -80,6 +81,8 @@ pub struct TrainArgs {
     pub objects: ObjectsArgs,
     #[command(flatten)]
     pub meshing: MeshingArgs,
+    #[command(flatten)]
+    pub preset: PresetArg,
     #[command(flatten)]
     pub texture: TextureArg,
     #[command(flatten)]

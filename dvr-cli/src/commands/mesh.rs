@@ -7,12 +7,11 @@ use anyhow::{Result, bail};
 use dvr_core::files::check_file;
 use dvr_core::mesh::{Look, write_mesh, write_textured_mesh};
 use dvr_core::{Cancellation, Similarity};
-use dvr_train::{
-    MeshOptions, RunFolder, ViewSplit, extraction_warnings, method_of, object_mesh, photo_texture, surface_points,
-};
+use dvr_train::{RunFolder, ViewSplit, method_of, object_mesh, photo_texture, surface_points};
 
+use super::simplified::simplified_to;
 use super::texture::sentence;
-use super::{SCENE_RESOLUTION, load_model, load_run, mesh_options, place_for, print_notes, scene_of_run};
+use super::{load_model, load_run, place_for, print_notes, run_mesh_options, scene_of_run};
 use crate::args::MeshArgs;
 use crate::memory;
 
@@ -25,14 +24,13 @@ pub fn run(args: &MeshArgs, cancellation: &Cancellation) -> Result<ExitCode> {
     let folder = RunFolder::new(if args.run.is_dir() { args.run.clone() } else { parent(&args.run) });
     let own = vec![folder.mesh_ply(), folder.mesh_glb()];
     let (targets, _writing) = place_for(&folder, args.out.as_ref(), own, args.overwrite)?;
-    let texture = args.texture.texture.settings();
-    for beside in targets.iter().flat_map(|target| files_beside(target, texture.is_some())) {
+    let options = run_mesh_options(&args.meshing, args.texture, args.preset, cancellation);
+    for beside in targets.iter().flat_map(|target| files_beside(target, options.texture.is_some())) {
         check_file(&beside, args.overwrite)?;
     }
     let method = method_of(&checkpoint.header.method)?;
     let device = args.backend.backend.device_for(method.as_ref())?;
     memory::limit(&device, args.memory.memory);
-    let options = MeshOptions { texture, ..mesh_options(&args.meshing, SCENE_RESOLUTION, cancellation) };
     memory::check_extraction(&options.extraction, &device, args.memory.memory)?;
     let model = load_model(&checkpoint, args.object, &device)?;
     // The scene helps to find thin parts and gives sharp colours, but a mesh can do without. Models of many objects have
@@ -55,7 +53,7 @@ pub fn run(args: &MeshArgs, cancellation: &Cancellation) -> Result<ExitCode> {
     };
     let seeds = surface_points(model.thorough_shader().as_ref(), &views, SEED_RAYS);
     let extracted = object_mesh(model.as_ref(), &options, &seeds, &views)?;
-    print_notes(&extraction_warnings(&extracted));
+    print_notes(&extracted.warnings);
     let mut warnings = Vec::new();
     let textured = photo_texture(&extracted.mesh, &views, &options, &mut warnings)?;
     print_notes(&warnings);
@@ -66,6 +64,9 @@ pub fn run(args: &MeshArgs, cancellation: &Cancellation) -> Result<ExitCode> {
         _ => checkpoint.header.object_to_world,
     };
     let mesh = extracted.mesh.transformed(&to_world);
+    if let Some(simplification) = extracted.simplification {
+        println!("{}", simplified_to(mesh.faces.len(), &simplification.scaled(to_world.scale)));
+    }
     if let Some(textured) = &textured {
         println!("{}", sentence(&textured.report));
     }

@@ -4,7 +4,7 @@ use dvr_core::Cancellation;
 use dvr_render::extract::{Contour, ExtractSettings};
 use dvr_train::{ColorSource, MeshOptions};
 
-use crate::args::{Colors, ContourName, MeshingArgs, SurfaceArgs};
+use crate::args::{Colors, ContourName, FaceBudget, MeshingArgs, PresetArg, SurfaceArgs, TextureArg};
 
 /// Cells per edge of a scene's mesh.
 pub const SCENE_RESOLUTION: u32 = 256;
@@ -22,6 +22,20 @@ pub fn mesh_options(args: &MeshingArgs, resolution: u32, cancellation: &Cancella
     MeshOptions { colors, ..surface_options(&args.surface, resolution, cancellation) }
 }
 
+/// The same with a texture, of a scene's run.
+pub fn run_mesh_options(
+    args: &MeshingArgs,
+    texture: TextureArg,
+    preset: PresetArg,
+    cancellation: &Cancellation,
+) -> MeshOptions {
+    MeshOptions {
+        texture: texture.settings(preset),
+        max_faces: preset.max_faces(args.surface.faces),
+        ..mesh_options(args, SCENE_RESOLUTION, cancellation)
+    }
+}
+
 /// The same for meshes without photographs.
 pub fn surface_options(args: &SurfaceArgs, resolution: u32, cancellation: &Cancellation) -> MeshOptions {
     let base = MeshOptions::with_resolution(args.resolution.unwrap_or(resolution) as usize);
@@ -34,5 +48,11 @@ pub fn surface_options(args: &SurfaceArgs, resolution: u32, cancellation: &Cance
         cancellation: cancellation.clone(),
         ..base.extraction
     };
-    MeshOptions { extraction, colors: ColorSource::Field, max_simplification: args.simplify, texture: None }
+    MeshOptions {
+        extraction,
+        colors: ColorSource::Field,
+        max_simplification: args.simplify,
+        max_faces: args.faces.and_then(FaceBudget::limit),
+        texture: None,
+    }
 }

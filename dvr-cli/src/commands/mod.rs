@@ -25,6 +25,7 @@ mod resumed;
 mod run_start;
 mod scene_reading;
 mod shape_table;
+mod simplified;
 mod stored_run;
 pub mod stress;
 pub mod synth;
@@ -32,7 +33,7 @@ pub mod texture;
 pub mod train;
 mod train_objects;
 
-use meshing::{OBJECT_RESOLUTION, SCENE_RESOLUTION, mesh_options, surface_options};
+use meshing::{OBJECT_RESOLUTION, SCENE_RESOLUTION, mesh_options, run_mesh_options, surface_options};
 use notes::print_notes;
 use scene_reading::{SceneReading, refinement_notes};
 use stored_run::{load_model, load_run, place_for, scene_of_run};

@@ -6,12 +6,14 @@ use std::process::ExitCode;
 use anyhow::{Context, Result, bail};
 use dvr_core::files::check_file;
 use dvr_core::mesh::{read_mesh_with_warnings, write_textured_mesh};
+use dvr_core::metrics::Simplification;
 use dvr_core::{Cancellation, HOLD_OUT_EVERY, Scene, View, ViewSplit};
-use dvr_texture::{PARTS, TextureError, TextureReport, TextureSettings, texture_mesh};
-use dvr_train::Observer;
+use dvr_texture::{PARTS, TextureError, TextureReport, texture_mesh};
+use dvr_train::{Observer, over_budget};
 
+use super::simplified::simplified_to;
 use super::{SceneReading, print_notes, refinement_notes};
-use crate::args::TextureArgs;
+use crate::args::{TextureArgs, texture_settings};
 use crate::progress::Progress;
 
 /// Reads, colours and writes.
@@ -34,8 +36,15 @@ pub fn run(args: &TextureArgs, cancellation: &Cancellation) -> Result<ExitCode> 
     if !args.all_views && views.len() < scene.views.len() {
         eprintln!("views as a run with the default settings divides them: {parts}");
     }
-    let mesh = found.mesh.transformed(&scene.object_to_world.inverse());
-    let settings = TextureSettings { size: args.size, ..TextureSettings::default() };
+    let mut mesh = found.mesh.transformed(&scene.object_to_world.inverse());
+    if let Some(most) = args.preset.max_faces(args.faces).filter(|&most| mesh.faces.len() > most) {
+        let simple = mesh.within_faces(most);
+        print_notes(over_budget(&simple, most).as_slice());
+        let simplification = Simplification::between(&mesh, &simple).scaled(scene.object_to_world.scale);
+        println!("{}", simplified_to(simple.faces.len(), &simplification));
+        mesh = simple;
+    }
+    let settings = texture_settings(args.size, args.preset);
     let mut progress = Progress::new();
     progress.phase("texture", PARTS);
     let textured = texture_mesh(&mesh, &views, &settings, cancellation, |done, part| progress.progress(done, part))?;

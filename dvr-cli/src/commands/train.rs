@@ -8,8 +8,7 @@ use dvr_core::dataset::{Format, is_object_dataset};
 use dvr_core::{Cancellation, Scene, ViewNames};
 use dvr_report::SourceRun;
 use dvr_train::{
-    Checkpoint, Error, MeshOptions, Method, Observer, RunFolder, RunMetrics, RunOptions, Stop, ViewMetrics, finish,
-    train,
+    Checkpoint, Error, Method, Observer, RunFolder, RunMetrics, RunOptions, Stop, ViewMetrics, finish, train,
 };
 
 use super::method_of_args::method_of_args;
@@ -17,8 +16,9 @@ use super::points_table::print_points;
 use super::resumed::resumed_method;
 use super::run_start::{RunStart, interrupted, run_options};
 use super::shape_table::print_shape;
+use super::simplified::simplified_to;
 use super::texture::sentence;
-use super::{SCENE_RESOLUTION, SceneReading, mesh_options, print_notes, refinement_notes, scene_of_run, train_objects};
+use super::{SceneReading, print_notes, refinement_notes, run_mesh_options, scene_of_run, train_objects};
 use crate::args::TrainArgs;
 use crate::commands::report::write_report;
 use crate::memory::{limit_training, make_room};
@@ -59,8 +59,7 @@ fn train_scene(
     scene.require_masks()?;
     method.check_scene(&scene)?;
     describe(&scene, &views, method);
-    let texture = args.texture.texture.settings();
-    let meshing = MeshOptions { texture, ..mesh_options(&args.meshing, SCENE_RESOLUTION, cancellation) };
+    let meshing = run_mesh_options(&args.meshing, args.texture, args.preset, cancellation);
     let needed = make_room(&mut scene, method, &meshing.extraction, &device, args.reading.memory)?;
     eprintln!(
         "memory: about {} MB, photographs {} MB of it",
@@ -169,6 +168,9 @@ fn report(metrics: &RunMetrics, folder: &RunFolder, cpu_seconds: f64) {
     }
     if let Some([vertices, faces]) = metrics.mesh {
         println!("mesh: {vertices} vertices, {faces} faces");
+        if let Some(simplification) = &metrics.simplification {
+            println!("{}", simplified_to(faces, simplification));
+        }
     }
     if let Some(texture) = &metrics.texture {
         let seconds = metrics.finishing_seconds.iter().find(|(part, _)| part == "texture").map_or(0.0, |(_, s)| *s);

@@ -99,6 +99,13 @@ fn cost(list: &mut List, metrics: &RunMetrics, coverage: Option<Coverage>) {
     if let Some([_, faces]) = metrics.mesh {
         list.add("Mesh", format!("{} faces", count(faces)), "as written to mesh.ply and mesh.glb");
     }
+    if let Some(simplification) = metrics.simplification {
+        let explanation = format!(
+            "faces before; the surface moved by {:.2e} in the mean, {:.2e} at most, in the units of the scene",
+            simplification.mean_distance, simplification.max_distance
+        );
+        list.add("Simplified from", format!("{} faces", count(simplification.faces_before)), &explanation);
+    }
     if let Some(texture) = metrics.texture {
         let explanation =
             format!("edge of the texture of mesh.glb; photographs show {:.0} % of it", 100.0 * texture.seen);

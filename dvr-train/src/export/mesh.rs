@@ -1,9 +1,10 @@
 //! From a trained field to a mesh in the world of the files.
 
-use dvr_core::mesh::Mesh;
+use dvr_core::mesh::{Mesh, connected_components};
+use dvr_core::metrics::Simplification;
 use dvr_core::{Camera, Similarity, View, Visibility};
 use dvr_render::extract::ExtractError;
-use dvr_render::extract::{ExtractSettings, Extraction, ScalarField, extract_mesh};
+use dvr_render::extract::{ExtractSettings, ScalarField, extract_mesh};
 use dvr_texture::TextureSettings;
 use glam::Vec3;
 
@@ -30,6 +31,9 @@ pub struct MeshOptions {
     pub colors: ColorSource,
     /// How far, in object units, the surface may move to save triangles; 0 keeps them all.
     pub max_simplification: f32,
+    /// How many faces the mesh may have, 4 at least; `None` keeps them all. Charts, texture and colours are those of the
+    /// simple mesh.
+    pub max_faces: Option<usize>,
     /// How photographs become the texture of a run's mesh; `None` for none. Colours of the field
     /// ([`ColorSource::Field`]) have none either.
     pub texture: Option<TextureSettings>,
@@ -45,6 +49,17 @@ impl MeshOptions {
     }
 }
 
+/// The surface of a field.
+#[derive(Clone, Debug)]
+pub struct ObjectMesh {
+    /// In object space.
+    pub mesh: Mesh,
+    /// How far simplification moved it, in object units; `None` where it was not simplified.
+    pub simplification: Option<Simplification>,
+    /// What the user should know.
+    pub warnings: Vec<String>,
+}
+
 /// Extracts the mesh of a field, in object space, with vertex colours and, where there are `views`, how well these see
 /// its vertices; `seeds` are points near the surface, and `views` the photographs that may colour it. Pieces below the
 /// settings' smallest share stay where photographs show them.
@@ -57,7 +72,7 @@ pub fn object_mesh(
     options: &MeshOptions,
     seeds: &[Vec3],
     views: &[&View],
-) -> Result<Extraction> {
+) -> Result<ObjectMesh> {
     // Small pieces are dropped where no photograph shows them, which the field cannot know.
     let all = ExtractSettings { min_component_share: 0.0, ..options.extraction.clone() };
     let cancellation = &options.extraction.cancellation;
@@ -66,23 +81,50 @@ pub fn object_mesh(
         ExtractError::Cancelled(cancelled) => Error::Cancelled(cancelled),
         error => Error::NoMesh(error.to_string()),
     })?;
-    let dropped = drop_unshown(&mut extracted.mesh, options.extraction.min_component_share, views);
-    extracted.dropped_components += dropped;
-    extracted.components -= dropped;
-    cancellation.check()?;
-    if options.max_simplification > 0.0 {
-        extracted.mesh = extracted.mesh.simplified(options.max_simplification);
+    extracted.dropped_components += drop_unshown(&mut extracted.mesh, options.extraction.min_component_share, views);
+    let mut warnings: Vec<String> = extracted.warnings.iter().map(ToString::to_string).collect();
+    if extracted.dropped_components > 0 {
+        warnings.push(format!("{} small loose component(s) were dropped from the mesh", extracted.dropped_components));
     }
+    cancellation.check()?;
+    let (mut mesh, simplification) = simplified(extracted.mesh, options, &mut warnings);
+    cancellation.check()?;
     if views.is_empty() {
-        return Ok(extracted);
+        return Ok(ObjectMesh { mesh, simplification, warnings });
     }
     if options.colors == ColorSource::Photos {
-        bake_colors(&mut extracted.mesh, views, cancellation)?;
+        bake_colors(&mut mesh, views, cancellation)?;
     } else {
         let cameras: Vec<&Camera> = views.iter().map(|view| &view.camera).collect();
-        extracted.mesh.observations = Some(Visibility::new(&extracted.mesh).observe(&cameras));
+        mesh.observations = Some(Visibility::new(&mesh).observe(&cameras));
     }
-    Ok(extracted)
+    Ok(ObjectMesh { mesh, simplification, warnings })
+}
+
+/// The mesh as simple as the options ask for, before photographs colour it.
+fn simplified(full: Mesh, options: &MeshOptions, warnings: &mut Vec<String>) -> (Mesh, Option<Simplification>) {
+    let mut simple = None;
+    if options.max_simplification > 0.0 {
+        simple = Some(full.simplified(options.max_simplification));
+    }
+    if let Some(most) = options.max_faces.filter(|&most| simple.as_ref().unwrap_or(&full).faces.len() > most) {
+        let within = simple.as_ref().unwrap_or(&full).within_faces(most);
+        warnings.extend(over_budget(&within, most));
+        simple = Some(within);
+    }
+    let simplification = simple.as_ref().map(|simple| Simplification::between(&full, simple));
+    (simple.unwrap_or(full), simplification)
+}
+
+/// What to say of a mesh that has more faces than it was given.
+pub fn over_budget(simple: &Mesh, most: usize) -> Option<String> {
+    let faces = simple.faces.len();
+    let components = connected_components(simple.vertices.len(), &simple.faces).1;
+    (faces > most).then(|| {
+        format!(
+            "the mesh has {faces} faces, more than {most}: its {components} component(s) cannot be simplified further"
+        )
+    })
 }
 
 /// The mesh in the coordinates and units of the scene's own files.

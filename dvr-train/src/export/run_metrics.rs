@@ -1,6 +1,7 @@
 //! The figures of a finished run.
 
 use dvr_core::ViewNames;
+use dvr_core::metrics::Simplification;
 use dvr_render::ViewMetrics;
 use dvr_texture::TextureReport;
 use serde::{Deserialize, Serialize};
@@ -31,6 +32,10 @@ pub struct RunMetrics {
     pub model_seconds: f64,
     /// Vertices and faces of the mesh; `None` where there is no surface.
     pub mesh: Option<[usize; 2]>,
+    /// What it was simplified from, and how far the surface moved by that, in the units of the scene's files; `None` where
+    /// it was not.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub simplification: Option<Simplification>,
     /// The texture of the mesh; `None` where it has none.
     #[serde(default)]
     pub texture: Option<TextureReport>,

@@ -5,13 +5,12 @@ use std::time::Instant;
 use dvr_core::mesh::{Look, Mesh, TexturedMesh, write_mesh, write_textured_mesh};
 use dvr_core::metrics::points::PointsSettings;
 use dvr_core::{Camera, Cancellation, Exposure, Scene, View, ViewSplit};
-use dvr_render::extract::Extraction;
 use dvr_render::{MeshShader, Shader, view_metrics};
 use image::RgbImage;
 
 use crate::error::{Error, Result};
 use crate::evaluate::{PointsEvaluation, evaluate_shape};
-use crate::export::mesh::{MeshOptions, object_mesh, world_mesh};
+use crate::export::mesh::{MeshOptions, ObjectMesh, object_mesh, world_mesh};
 use crate::export::preview::preview_sheet;
 use crate::export::run_metrics::RunMetrics;
 use crate::export::texture::photo_texture;
@@ -67,7 +66,9 @@ impl RunResults {
         let views = ViewSplit::of(scene)?;
         let mut laps = Laps::new(observer, &options.extraction.cancellation);
         let mut warnings = scene.warnings.clone();
-        let mesh = extract(trained, options, &views, &mut warnings)?;
+        let extracted = extract(trained, options, &views, &mut warnings)?;
+        let simplification = extracted.as_ref().and_then(|extracted| extracted.simplification);
+        let mesh = extracted.map(|extracted| extracted.mesh);
         laps.done("mesh")?;
         let textured = match &mesh {
             Some(mesh) => photo_texture(mesh, &views.train, options, &mut warnings)?,
@@ -111,6 +112,7 @@ impl RunResults {
             training_seconds: outcome.seconds,
             model_seconds: outcome.header.seconds,
             mesh: mesh.as_ref().map(|mesh| [mesh.vertices.len(), mesh.faces.len()]),
+            simplification: simplification.map(|moved| moved.scaled(outcome.header.object_to_world.scale)),
             texture: textured.as_ref().map(|textured| textured.report),
             shape,
             points,
@@ -174,13 +176,13 @@ fn extract(
     options: &MeshOptions,
     views: &ViewSplit,
     warnings: &mut Vec<String>,
-) -> Result<Option<Mesh>> {
+) -> Result<Option<ObjectMesh>> {
     let model = trained.model.as_ref();
     let seeds = surface_points(model.thorough_shader().as_ref(), &views.train, SEED_RAYS);
     match object_mesh(model, options, &seeds, &views.train) {
-        Ok(extracted) => {
-            warnings.extend(extraction_warnings(&extracted));
-            Ok(Some(extracted.mesh))
+        Ok(mut extracted) => {
+            warnings.append(&mut extracted.warnings);
+            Ok(Some(extracted))
         }
         Err(Error::NoMesh(reason)) => {
             warnings.push(reason);
@@ -210,15 +212,6 @@ impl<'o> Laps<'o> {
         self.observer.progress(self.seconds.len(), part);
         Ok(self.cancellation.check()?)
     }
-}
-
-/// What extraction has to say, in plain words.
-pub fn extraction_warnings(extracted: &Extraction) -> Vec<String> {
-    let mut warnings: Vec<String> = extracted.warnings.iter().map(ToString::to_string).collect();
-    if extracted.dropped_components > 0 {
-        warnings.push(format!("{} small loose component(s) were dropped from the mesh", extracted.dropped_components));
-    }
-    warnings
 }
 
 /// At most `count` items, evenly spread.

@@ -10,7 +10,6 @@ use image::imageops::{FilterType, resize};
 use crate::error::Result;
 use crate::export::mesh::{MeshOptions, object_mesh};
 use crate::export::preview::{normal_picture, orbit_camera, sheet, to_rgb8};
-use crate::export::run_results::extraction_warnings;
 use crate::objects::ObjectModel;
 
 /// What a model makes of a picture.
@@ -39,7 +38,7 @@ pub fn predict(model: &ObjectModel, picture: &RgbImage, options: &MeshOptions) -
     let field = model.field_of_picture(picture);
     let extracted = object_mesh(&FieldSurface::new(field), options, &[], &[])?;
     let preview = preview_of(picture, &extracted.mesh);
-    Ok(Prediction { warnings: extraction_warnings(&extracted), mesh: extracted.mesh, preview })
+    Ok(Prediction { mesh: extracted.mesh, preview, warnings: extracted.warnings })
 }
 
 fn preview_of(picture: &RgbImage, mesh: &Mesh) -> RgbImage {

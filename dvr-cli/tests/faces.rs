@@ -1,0 +1,104 @@
+//! `--faces` and `--preset`: meshes of as many faces as their use allows.
+
+mod support;
+
+use std::path::Path;
+
+use dvr_core::mesh::{Mesh, TexturedMesh, read_mesh, shapes, write_mesh};
+use support::{Tiny, dvr, refuses, succeeds, text};
+
+/// A scene and its run, with a mesh of some thousand faces.
+fn trained(more: &[&str]) -> (Tiny, std::path::PathBuf) {
+    let tiny = Tiny::new();
+    let (scene, run) = (tiny.scene(), tiny.path("run"));
+    let arguments = ["train", text(&scene), "--out", text(&run), "--steps", "40", "--resolution", "48"];
+    succeeds(&dvr(&[&arguments[..], more].concat()));
+    (tiny, run)
+}
+
+fn has_texture(mesh: &TexturedMesh) -> bool {
+    mesh.materials.iter().any(|material| material.texture.is_some())
+}
+
+fn metrics(run: &Path) -> serde_json::Value {
+    serde_json::from_str(&std::fs::read_to_string(run.join("metrics.json")).unwrap()).unwrap()
+}
+
+#[test]
+fn a_mesh_of_few_faces_is_made_of_a_run_with_its_texture() {
+    let (tiny, run) = trained(&[]);
+    assert!(metrics(&run).get("simplification").is_none());
+    let full = read_mesh(run.join("mesh.ply")).unwrap().mesh;
+    assert!(full.faces.len() > 2000, "{}", full.faces.len());
+    let mesh = |name: &str, more: &[&str]| {
+        let out = tiny.path(name);
+        let arguments = ["mesh", text(&run), "--resolution", "48", "--out", text(&out)];
+        let said = succeeds(&dvr(&[&arguments[..], more].concat()));
+        (read_mesh(&out).unwrap(), said, std::fs::read(&out).unwrap())
+    };
+    let (simple, said, _) = mesh("x.glb", &["--faces", "500"]);
+    assert!(simple.mesh.faces.len() <= 500 && simple.mesh.faces.len() > 450, "{}", simple.mesh.faces.len());
+    assert!(has_texture(&simple));
+    let line = said.lines().find(|line| line.starts_with("simplified: ")).unwrap();
+    let parts =
+        [&format!("{} to {} faces", full.faces.len(), simple.mesh.faces.len()), "watertight", "units of the scene"];
+    assert!(parts.iter().all(|part| line.contains(*part)), "{line}");
+    let ply = mesh("x.ply", &["--faces", "1k", "--preset", "web"]).0;
+    assert!(ply.mesh.faces.len() <= 1000, "--faces counts before --preset");
+    assert_eq!(ply.mesh.open_edges(), 0);
+    assert!(ply.mesh.colors.is_some());
+
+    let (_, said, whole) = mesh("whole.ply", &[]);
+    assert!(!said.contains("simplified"), "{said}");
+    for more in [&["--faces", "full"][..], &["--faces", "1M"], &["--preset", "full"], &["--preset", "web"]] {
+        let (_, said, bytes) = mesh(&format!("{}.ply", more.concat()), more);
+        assert!(bytes == whole && !said.contains("simplified"), "{more:?}: {said}");
+    }
+    assert!(mesh("a.ply", &["--faces", "700"]).2 == mesh("b.ply", &["--faces", "700"]).2, "the same bytes each time");
+}
+
+#[test]
+fn a_run_with_a_budget_says_what_it_cost() {
+    let (_tiny, run) = trained(&["--faces", "300", "--no-report"]);
+    let metrics = metrics(&run);
+    let simplification = &metrics["simplification"];
+    assert!(metrics["mesh"][1].as_u64().unwrap() <= 300, "{}", metrics["mesh"]);
+    assert!(simplification["faces_before"].as_u64().unwrap() > 2000 && simplification["open_edges"] == 0);
+    let [mean, max] = ["mean_distance", "max_distance"].map(|key| simplification[key].as_f64().unwrap());
+    assert!(mean > 0.0 && mean < max && max < 0.3, "{mean}, {max}: a torus of 2.9 units");
+    let glb = read_mesh(run.join("mesh.glb")).unwrap();
+    assert!(has_texture(&glb) && glb.mesh.faces.len() <= 300);
+    let ply = read_mesh(run.join("mesh.ply")).unwrap().mesh;
+    assert_eq!((ply.faces.len(), ply.open_edges()), (glb.mesh.faces.len(), 0));
+}
+
+#[test]
+fn any_mesh_is_simplified_before_it_gets_a_texture() {
+    let ball = shapes::icosphere(4, 1.0);
+    let tiny = Tiny::rendered(ball.clone(), 12, 32);
+    let (bare, scene, out) = (tiny.path("bare.ply"), tiny.scene(), tiny.path("out.glb"));
+    write_mesh(&bare, &Mesh { normals: None, ..ball }).unwrap();
+    let arguments = ["texture", text(&bare), "--data", text(&scene), "--out", text(&out), "--overwrite"];
+    let said = succeeds(&dvr(&[&arguments[..], &["--faces", "1k"]].concat()));
+    assert!(said.contains("simplified: 5120 to 1000 faces, watertight"), "{said}");
+    let simple = read_mesh(&out).unwrap();
+    assert_eq!((simple.mesh.faces.len(), has_texture(&simple)), (1000, true));
+    // A texture of its own has seams: simplified again, they are no borders.
+    let again = tiny.path("again.glb");
+    let arguments = ["texture", text(&out), "--data", text(&scene), "--out", text(&again), "--faces", "200"];
+    let said = succeeds(&dvr(&arguments));
+    assert!(said.contains("to 200 faces, watertight"), "{said}");
+}
+
+#[test]
+fn numbers_of_faces_that_make_no_mesh_are_refused_before_anything_is_written() {
+    let tiny = Tiny::new();
+    let (scene, out) = (tiny.scene(), tiny.path("out"));
+    for wrong in ["0", "3", "banana", "101M", "1e4"] {
+        refuses(&dvr(&["train", text(&scene), "--out", text(&out), "--faces", wrong]), &[wrong, "from 4 to 100M"]);
+        refuses(&dvr(&["mesh", text(&scene), "--out", "x.glb", "--faces", wrong]), &[wrong, "full", "50k"]);
+        refuses(&dvr(&["texture", "m.ply", "--data", "d", "--out", "x.glb", "--faces", wrong]), &["from 4 to 100M"]);
+    }
+    refuses(&dvr(&["train", text(&scene), "--out", text(&out), "--preset", "tv"]), &["web", "print", "full"]);
+    assert!(!out.exists());
+}
