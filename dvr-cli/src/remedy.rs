@@ -94,7 +94,7 @@ fn of_texture(error: &TextureError) -> Option<String> {
              seen from outside."
                 .into(),
         ),
-        TextureError::TooManyCharts { .. } => Some("Choose a larger --size.".into()),
+        TextureError::TooManyCharts { .. } => Some("Choose a larger --size, or simplify the mesh with --faces 50k.".into()),
         TextureError::Memory { .. } => Some("Choose a smaller --size.".into()),
         _ => None,
     }

@@ -8,7 +8,8 @@ use super::error::Result;
 /// The most cells per edge. Beyond it, a single-precision vertex cannot be distinguished from the grid's node beside it.
 const MAX_RESOLUTION: u64 = 2048;
 
-/// Bytes of a cell on the surface: in the grid, as vertices and faces, and while it is coloured and written.
+/// Bytes of a cell on the surface: in the grid, as vertices and faces, and while it is simplified (about 320), coloured and
+/// written.
 const CELL_BYTES: u64 = 600;
 
 /// Bytes of a node of the coarse grid.
