@@ -66,9 +66,15 @@ impl<'a> PicturePyramid<'a> {
         factor
     }
 
-    /// The photographs, shrunk by `factor`; `masks` holds the distances of their masks' outlines, at full size.
+    /// The photographs, shrunk by `factor`, without an order of their pixels.
+    pub fn views(&self, factor: u32) -> Vec<TrainingView<'a>> {
+        TrainingView::pack(&self.views, self.neighbours, factor)
+    }
+
+    /// The photographs, shrunk by `factor`, and the order in which their pixels are learned from; `masks` holds the
+    /// distances of their masks' outlines, at full size.
     pub fn level(&self, factor: u32, masks: &[MaskDistance]) -> PyramidLevel<'a> {
-        let views = TrainingView::pack(&self.views, self.neighbours, factor);
+        let views = self.views(factor);
         // Pixels whose rays come as close to the object as the band around the hull.
         let margin = |view: usize| {
             let camera = &self.views[view].camera;

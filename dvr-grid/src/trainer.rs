@@ -102,9 +102,9 @@ impl<'a> GridTrainer<'a> {
         if photographs.order.is_empty() || grids.shape.active().count() == 0 {
             return Err(Error::NoHull);
         }
-        let judged = pyramid.level(pyramid.factor(growth.max_cells()), refinement.masks());
+        let judged = pyramid.factor(growth.max_cells());
         Ok(Self {
-            validation_ncc: ValidationNcc::new(&validation, judged.factor, judged.views),
+            validation_ncc: ValidationNcc::new(&validation, judged, pyramid.views(judged)),
             weighted: GridConfig { rays: config.rays_of(photographs.order.len()), ..config.clone() },
             color_trust: 1.0,
             config,
