@@ -11,9 +11,9 @@ use crate::mesh::{Mesh, shapes};
 use crate::observation::Observation;
 use crate::ray::Ray;
 
-/// Cosine between the line of sight and the normal below which a view does not see a vertex: beyond 78 degrees a pixel
-/// covers five times its width of surface.
-const MIN_COSINE: f64 = 0.2;
+/// Cosine between the line of sight and the normal below which a view does not see a surface: beyond 78 degrees a pixel
+/// covers five times its width of it.
+pub const MIN_COSINE: f64 = 0.2;
 
 /// Share of the distance to the camera that a line of sight leaves the surface by before it is tested for occlusion.
 const CLEARANCE: f64 = 2e-3;

@@ -9,9 +9,9 @@
 use dvr_core::View;
 use rayon::prelude::*;
 
-use crate::losses::patch_ncc::Patch;
 use crate::multires::Grids;
 use crate::occupancy::OccupancyBitmask;
+use crate::plane_patch::PlanePatch;
 use crate::surface::Surface;
 use crate::views::TrainingView;
 
@@ -65,7 +65,7 @@ impl<'a> ValidationNcc<'a> {
         let textured: Vec<(usize, [u32; 2])> = (views.par_iter().enumerate())
             .flat_map_iter(|(index, view)| {
                 let [width, height] = view.size();
-                let is_textured = move |[u, v]: [u32; 2]| Patch::contrast(view, [u, v]) > TEXTURED;
+                let is_textured = move |[u, v]: [u32; 2]| PlanePatch::contrast(view, [u, v]) > TEXTURED;
                 let pixels = (0..height).flat_map(move |v| (0..width).map(move |u| [u, v]));
                 pixels.filter(move |&pixel| is_textured(pixel)).map(move |pixel| (index, pixel))
             })
@@ -88,7 +88,9 @@ impl<'a> ValidationNcc<'a> {
 /// How alike a pixel's surroundings are in the photographs that see its point.
 fn score(surface: &Surface, view: &TrainingView, [u, v]: [u32; 2], training: &[TrainingView]) -> f32 {
     let Some(at) = surface.hit(view, view.direction(u, v)) else { return 0.0 };
-    let Some(patch) = Patch::on_plane(view, [u, v], 1, view.camera.center, at.point, at.inward) else { return 0.0 };
+    let Some(patch) = PlanePatch::on_plane(view, [u, v], 1, view.camera.center, at.point, at.inward) else {
+        return 0.0;
+    };
     let seen = (view.neighbours.iter().map(|&other| &training[other as usize]))
         .filter_map(|other| patch.compare(other).filter(|_| surface.is_seen_by(&at, other)));
     let (sum, count) = seen.fold((0.0, 0), |(sum, count), found| {

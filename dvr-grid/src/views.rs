@@ -2,11 +2,9 @@
 
 use std::borrow::Cow;
 
-use dvr_core::{Bilinear, Exposure, Mask, View};
+use dvr_core::{Bilinear, Exposure, Mask, Pinhole, View};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
-
-use crate::pinhole::Pinhole;
 
 /// One training view. Its pixels are the scene's own; their colours are read at the mean exposure of the views.
 #[derive(Clone, Debug)]

@@ -17,7 +17,7 @@ const COVER: f64 = 0.4;
 const LEAST: f64 = 256.0;
 const MOST: f64 = 8192.0;
 
-/// Largest size that is always rounded up: the padding of charts takes much of small textures, and they cost little.
+/// Largest size that is always rounded up: the padding of charts takes much of small textures.
 const SMALL: f64 = 2048.0;
 
 /// The power of two next to the size at which a texel is, in the mean, as large as a pixel of the photograph that shows

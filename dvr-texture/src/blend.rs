@@ -1,7 +1,7 @@
 //! The colour of a texel from the photographs that see it.
 
 use dvr_core::mesh::Mesh;
-use dvr_core::{Cancellation, Cancelled};
+use dvr_core::{Cancellation, Cancelled, weighted_median};
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -79,7 +79,7 @@ fn shown_by(photograph: &Photograph, point: Vec3, normal: Vec3) -> Option<Shown>
 /// do not count (after Waechter, Moehrle and Goesele, Let There Be Color!, ECCV 2014, section 4.1.2; a weight that falls
 /// off in place of their mean shift).
 fn agreed(shown: &mut [Shown]) -> Vec3 {
-    let middle = Vec3::from([0, 1, 2].map(|channel| weighted_median(shown, channel)));
+    let middle = Vec3::from([0, 1, 2].map(|channel| weighted_median(shown, |each| (each.color[channel], each.weight))));
     let (mut sum, mut total) = (Vec3::ZERO, 0.0);
     for each in shown {
         let off = each.color.distance_squared(middle) / (AGREEMENT * AGREEMENT);
@@ -88,20 +88,6 @@ fn agreed(shown: &mut [Shown]) -> Vec3 {
         total += weight;
     }
     sum / total
-}
-
-/// The value of one channel at which half of the weight is reached.
-fn weighted_median(shown: &mut [Shown], channel: usize) -> f32 {
-    shown.sort_unstable_by(|a, b| a.color[channel].total_cmp(&b.color[channel]));
-    let half = 0.5 * shown.iter().map(|each| each.weight).sum::<f32>();
-    let mut reached = 0.0;
-    for each in shown.iter() {
-        reached += each.weight;
-        if reached >= half {
-            return each.color[channel];
-        }
-    }
-    shown.last().map_or(0.0, |each| each.color[channel])
 }
 
 #[cfg(test)]

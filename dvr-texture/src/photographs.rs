@@ -1,7 +1,7 @@
 //! Photographs as sources of colour: where they show the object, at the mean exposure of their scene.
 
 use dvr_core::mesh::Mesh;
-use dvr_core::{Bilinear, Exposure, View};
+use dvr_core::{Bilinear, Exposure, MIN_COSINE, View};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
@@ -56,18 +56,18 @@ impl<'a> Photograph<'a> {
     /// squared. `None` where it is turned away, out of the frame, or too slanting.
     #[inline]
     pub fn sight(&self, point: Vec3, normal: Vec3) -> Option<Sight> {
-        let projection = &self.buffer.projection;
-        let to_camera = projection.center - point;
+        let camera = &self.buffer.camera;
+        let to_camera = camera.center - point;
         let cosine = normal.dot(to_camera) / to_camera.length();
-        if cosine < MIN_COSINE {
+        if cosine < MIN_COSINE as f32 {
             return None;
         }
-        let (pixel, z_depth) = projection.project(point);
+        let (pixel, z_depth) = camera.project(point);
         let (width, height) = self.buffer.picture;
         let is_inside =
             pixel.x >= 0.5 && pixel.y >= 0.5 && pixel.x < width as f32 - 0.5 && pixel.y < height as f32 - 0.5;
         (z_depth > 0.0 && is_inside).then(|| {
-            let quality = (cosine * projection.focal / z_depth).powi(2);
+            let quality = (cosine * camera.focal / z_depth).powi(2);
             Sight { pixel, z_depth, cosine, quality }
         })
     }
@@ -78,10 +78,6 @@ impl<'a> Photograph<'a> {
         self.buffer.is_open(sight.pixel, sight.z_depth, sight.cosine)
     }
 }
-
-/// Cosine between the line of sight and the normal below which a view does not see a surface ([`dvr_core::Visibility`]
-/// has the same bound).
-const MIN_COSINE: f32 = 0.2;
 
 /// How a photograph would show a point, were nothing in between.
 #[derive(Clone, Copy, Debug)]

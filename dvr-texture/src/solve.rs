@@ -3,7 +3,7 @@
 //! A pixel sees four texels through bilinear weights `b`; the texture `T` minimises
 //! `sum over pixels of w |sum_k b_k T_k - c|^2`. Where pixels are fewer than texels the minimum is not unique: steps
 //! begin at colours that are blended already and change only what pixels see. A step is that of Landweber with the
-//! diagonal as a preconditioner (SIRT; Gilbert 1972), which never overshoots; few of them are a regularisation.
+//! diagonal as a preconditioner (SIRT; Gilbert 1972); few of them are a regularisation.
 
 use dvr_core::mesh::Mesh;
 use dvr_core::{Cancellation, Cancelled};
@@ -122,7 +122,7 @@ impl Samples {
     }
 }
 
-/// The share of a step that is taken: below 2, the largest that converges.
+/// The share of a step that is taken; SIRT converges below 2.
 const RELAXATION: f32 = 1.5;
 
 /// Means with the neighbours' by the binomial `1 2 1`, in both directions: a texel between pixels moves with them.

@@ -1,11 +1,11 @@
 //! What a camera sees of a mesh: the nearest face and its depth at points of the picture, by a z-buffer.
 //!
-//! Rays through a hierarchy would tell the same ([`dvr_core::Visibility`]); a mesh of hundreds of thousands of faces, each
-//! about a pixel large, is drawn faster than it is traced.
+//! Rays through a hierarchy tell the same of single points ([`dvr_core::Visibility`]); here all pixels of all pictures are
+//! asked.
 
-use dvr_core::Camera;
 use dvr_core::mesh::Mesh;
-use glam::{DMat3, Mat3, Vec2, Vec3};
+use dvr_core::{Camera, Pinhole};
+use glam::{Vec2, Vec3};
 
 /// No face is seen.
 pub(crate) const NOTHING: u32 = u32::MAX;
@@ -20,41 +20,10 @@ const CLEARANCE: f32 = 2e-3;
 /// Steepest slope, as a tangent between line of sight and normal, for which the margin of the depth test grows.
 const MAX_TANGENT: f32 = 5.0;
 
-/// A camera's projection in single precision, for inner loops: `x = K (R p + t)`.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Projection {
-    linear: Mat3,
-    offset: Vec3,
-    /// Where the camera stands.
-    pub center: Vec3,
-    /// Pixels per unit at depth one: the focal length in x.
-    pub focal: f32,
-}
-
-impl Projection {
-    pub fn new(camera: &Camera) -> Self {
-        let linear: DMat3 = camera.intrinsics * camera.rotation;
-        let offset = camera.intrinsics * camera.translation;
-        Self {
-            linear: linear.as_mat3(),
-            offset: offset.as_vec3(),
-            center: camera.center().as_vec3(),
-            focal: camera.intrinsics.x_axis.x as f32,
-        }
-    }
-
-    /// Pixel coordinates and z-depth of a point; the pixel is meaningless where the depth is not positive.
-    #[inline]
-    pub fn project(&self, point: Vec3) -> (Vec2, f32) {
-        let q = self.linear * point + self.offset;
-        (Vec2::new(q.x, q.y) / q.z, q.z)
-    }
-}
-
 /// The nearest face and its z-depth at the middles of cells of `stride` x `stride` pixels.
 #[derive(Clone, Debug)]
 pub(crate) struct ViewBuffer {
-    pub projection: Projection,
+    pub camera: Pinhole,
     /// Size of the picture in pixels.
     pub picture: (u32, u32),
     /// Edge of a cell in pixels.
@@ -71,7 +40,7 @@ impl ViewBuffer {
         let (width, height) = (camera.width.div_ceil(stride), camera.height.div_ceil(stride));
         let cells = width as usize * height as usize;
         let mut buffer = Self {
-            projection: Projection::new(camera),
+            camera: Pinhole::new(camera),
             picture: (camera.width, camera.height),
             stride,
             width,
@@ -82,7 +51,7 @@ impl ViewBuffer {
         let scale = 1.0 / stride as f32;
         let corners: Vec<Vec3> = (mesh.vertices.iter())
             .map(|&vertex| {
-                let (pixel, z) = buffer.projection.project(vertex);
+                let (pixel, z) = buffer.camera.project(vertex);
                 (pixel * scale).extend(z)
             })
             .collect();
@@ -147,7 +116,7 @@ impl ViewBuffer {
         let (u, v) = (cell.x as i64, cell.y as i64);
         let tangent = ((1.0 - cosine * cosine).max(0.0).sqrt() / cosine).min(MAX_TANGENT);
         // What a slope changes within the cells that are looked at.
-        let per_cell = self.stride as f32 * z_depth / self.projection.focal;
+        let per_cell = self.stride as f32 * z_depth / self.camera.focal;
         let margin = CLEARANCE * z_depth + 2.5 * per_cell * tangent;
         let (width, height) = (i64::from(self.width), i64::from(self.height));
         for row in (v - FRONT_RIM).max(0)..=(v + FRONT_RIM).min(height - 1) {
@@ -162,7 +131,7 @@ impl ViewBuffer {
 
     /// Barycentric coordinates of the point at which the line of sight through a pixel meets the plane of a triangle.
     pub fn barycentric(&self, pixel: Vec2, triangle: [Vec3; 3]) -> Option<[f32; 3]> {
-        let corners = triangle.map(|corner| self.projection.project(corner));
+        let corners = triangle.map(|corner| self.camera.project(corner));
         let [(a, _), (b, _), (c, _)] = corners;
         let cross = |p: Vec2, q: Vec2| (q - p).perp_dot(pixel - p);
         let area = (b - a).perp_dot(c - a);
@@ -218,7 +187,7 @@ mod tests {
         let (alone, both) = (wall.clone(), shapes::union([wall, screen]));
         let open = |mesh: &Mesh, x: f32| {
             let buffer = ViewBuffer::draw(mesh, &camera, 1);
-            let (pixel, z) = buffer.projection.project(Vec3::new(x, 0.0, 0.0));
+            let (pixel, z) = buffer.camera.project(Vec3::new(x, 0.0, 0.0));
             buffer.is_open(pixel, z, 1.0)
         };
         // A pixel is a 32nd of a unit wide at the wall.

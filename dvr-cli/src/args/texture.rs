@@ -79,9 +79,9 @@ impl LookArg {
 #[derive(Args, Clone, Copy, Debug)]
 #[command(next_help_heading = "Mesh")]
 pub struct TextureArg {
-    /// Texture of the GLB (and of OBJ with `dvr mesh`) from the photographs: off, auto, at which a texel is no larger than a
-    /// pixel, or texels along its edge [128 to 16384; default: auto]. It costs some seconds at the end; PLY has colours per
-    /// vertex
+    /// Texture of the GLB (and of OBJ with `dvr mesh`) from the photographs: off, auto, at which a texel is about as large
+    /// as a pixel, or texels along its edge [128 to 16384; default: auto]. It costs some seconds at the end; PLY has colours
+    /// per vertex
     #[arg(long, value_parser = parse_texture, value_name = "N")]
     pub texture: Option<TextureChoice>,
 }

@@ -12,7 +12,7 @@ use super::{glb, obj};
 use crate::error::{Error, Result};
 use crate::files::{write_bytes_atomically, write_rgb_png};
 
-/// Quality of the JPEG inside a GLB, in per cent: its errors are below those of the photographs.
+/// Quality of the JPEG inside a GLB, of 100.
 const JPEG_QUALITY: u8 = 95;
 
 /// What a viewer does with the colours of a texture.

@@ -14,16 +14,13 @@ use crate::error::Result;
 use crate::mesh::Mesh;
 use crate::points::PointCloud;
 use crate::ray::Ray;
+use crate::visibility::MIN_COSINE;
 
 /// Views that must see a point: fewer tell nothing of its depth.
 pub const LEAST_VIEWS: usize = 2;
 
 /// Points of each surface that are asked for who sees them.
 const SAMPLES: usize = 20_000;
-
-/// Cosine between the line of sight and the normal below which a view does not see a point, as for
-/// [`Visibility`](crate::Visibility).
-const MIN_COSINE: f64 = 0.2;
 
 /// Points are lifted off a mesh by so much, in edges of the object cube, before it is asked what stands in front of
 /// them.

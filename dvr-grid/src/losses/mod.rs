@@ -19,7 +19,7 @@ mod color;
 mod depth;
 mod detached_color;
 mod mask;
-pub(crate) mod patch_ncc;
+mod patch_ncc;
 mod photo_consistency;
 pub(crate) mod smoothness;
 pub(crate) mod term;

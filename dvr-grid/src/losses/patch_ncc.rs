@@ -9,26 +9,11 @@
 
 use std::ops::RangeInclusive;
 
-use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
 use super::term::{Comparison, CrossViewTerm, LossTerm, SurfaceHit};
-use crate::patch::CenteredPatch;
+use crate::plane_patch::PlanePatch;
 use crate::views::TrainingView;
-
-/// Samples along the side of a patch, and all.
-const SIDE: usize = 5;
-const SAMPLES: usize = SIDE * SIDE;
-
-/// Samples from the middle to the side.
-const REACH: u32 = SIDE as u32 / 2;
-
-/// Variance of brightness that noise alone may have, about that of a level of eight bits: patches with less say nothing.
-const NOISE: f32 = 2e-5;
-
-/// How much nearer or farther than the middle of a patch a sample may lie, as a factor: planes seen edge-on reach too
-/// far.
-const MAX_STRETCH: f32 = 1.15;
 
 /// Most pixels between the samples of a patch.
 const MAX_STRIDE: f64 = 64.0;
@@ -81,13 +66,13 @@ impl LossTerm for PatchNccLoss {
 }
 
 impl CrossViewTerm for PatchNccLoss {
-    type Prepared = Patch;
+    type Prepared = PlanePatch;
 
-    fn prepare(&self, own: &TrainingView, hit: &SurfaceHit) -> Option<Patch> {
-        Patch::on_plane(own, hit.pixel.pixel, self.stride, hit.origin, hit.point, hit.inward)
+    fn prepare(&self, own: &TrainingView, hit: &SurfaceHit) -> Option<PlanePatch> {
+        PlanePatch::on_plane(own, hit.pixel.pixel, self.stride, hit.origin, hit.point, hit.inward)
     }
 
-    fn compare(&self, patch: &Patch, _hit: &SurfaceHit, other: &Comparison, grad_depth: &mut f32) -> f64 {
+    fn compare(&self, patch: &PlanePatch, _hit: &SurfaceHit, other: &Comparison, grad_depth: &mut f32) -> f64 {
         match patch.compare(other.view) {
             Some(found) if found.correlation > self.min_correlation as f32 => {
                 let (value, slope) = robust(1.0 - found.correlation, self.scale as f32);
@@ -105,94 +90,6 @@ fn robust(error: f32, scale: f32) -> (f32, f32) {
     (error * damping, damping * damping)
 }
 
-/// Brightnesses around a pixel, and the points of the surface's tangent plane that they are seen at.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Patch {
-    points: [Vec3; SAMPLES],
-    /// How they move on their rays as the plane moves along the middle one.
-    motions: [Vec3; SAMPLES],
-    brightness: CenteredPatch<SAMPLES>,
-}
-
-/// How alike two patches are, and how that changes as the surface moves along the ray.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Likeness {
-    /// Normalised cross-correlation, in `[-1, 1]`.
-    pub correlation: f32,
-    derivative: f32,
-}
-
-impl Patch {
-    /// Variance of brightness around a pixel beyond that of a ramp, which is alike wherever it is carried; zero where
-    /// not all of the patch shows the object.
-    pub fn contrast(view: &TrainingView, [u, v]: [u32; 2]) -> f32 {
-        let (mut sums, mut squares) = ([0.0f32; 3], 0.0);
-        for i in 0..SAMPLES {
-            let place = sample([u, v], i, 1).and_then(|[u, v]| view.brightness(u, v));
-            let Some(found) = place else { return 0.0 };
-            let (du, dv) = ((i % SIDE) as f32 - REACH as f32, (i / SIDE) as f32 - REACH as f32);
-            [found, found * du, found * dv].into_iter().zip(&mut sums).for_each(|(term, sum)| *sum += term);
-            squares += found * found;
-        }
-        // The mean and the two slopes are orthogonal on the patch; these are the squares of their patterns.
-        let across = SIDE as f32 * (0..SIDE).map(|i| (i as f32 - REACH as f32).powi(2)).sum::<f32>();
-        let explained = sums[0] * sums[0] / SAMPLES as f32 + (sums[1] * sums[1] + sums[2] * sums[2]) / across;
-        ((squares - explained) / SAMPLES as f32).max(0.0)
-    }
-
-    /// The patch around `pixel` of `view`, whose camera is at `origin`, on the plane through `point` with this normal
-    /// (of either sign); `None` at the object's outline and where the plane is seen edge-on.
-    pub fn on_plane(
-        view: &TrainingView,
-        [u, v]: [u32; 2],
-        stride: u32,
-        origin: Vec3,
-        point: Vec3,
-        normal: Vec3,
-    ) -> Option<Self> {
-        let (mut points, mut motions, mut brightness) = ([Vec3::ZERO; SAMPLES], [Vec3::ZERO; SAMPLES], [0.0; SAMPLES]);
-        let height = normal.dot(point - origin);
-        let slope = normal.dot(view.direction(u, v));
-        let depth = height / slope;
-        for i in 0..SAMPLES {
-            let [u, v] = sample([u, v], i, stride)?;
-            brightness[i] = view.brightness(u, v)?;
-            let direction = view.direction(u, v);
-            let ray_depth = height / normal.dot(direction);
-            let stretch = ray_depth / depth;
-            if !(stretch < MAX_STRETCH && stretch * MAX_STRETCH > 1.0) {
-                return None;
-            }
-            points[i] = origin + ray_depth * direction;
-            motions[i] = slope / normal.dot(direction) * direction;
-        }
-        Some(Self { points, motions, brightness: CenteredPatch::new(brightness) })
-    }
-
-    /// Compares with what another view shows at the same points; `None` where it does not show all of them.
-    pub fn compare(&self, view: &TrainingView) -> Option<Likeness> {
-        let (mut seen, mut moves) = ([0.0; SAMPLES], [0.0; SAMPLES]);
-        for i in 0..SAMPLES {
-            let at = view.reproject(self.points[i], self.motions[i])?;
-            seen[i] = at.color.element_sum() / 3.0;
-            moves[i] = at.derivative.element_sum() / 3.0;
-        }
-        let seen = CenteredPatch::new(seen);
-        let correlation = self.brightness.correlation(&seen, NOISE);
-        // With centred values, derivatives need not be centred: their mean falls out of the sums.
-        let derivative = self.brightness.mean_product(&moves) / self.brightness.scale(&seen, NOISE)
-            - correlation * seen.mean_product(&moves) / (seen.variance + NOISE);
-        Some(Likeness { correlation, derivative })
-    }
-}
-
-/// The pixel of a patch's sample; `None` beyond the picture's upper and left edges.
-fn sample([u, v]: [u32; 2], i: usize, stride: u32) -> Option<[u32; 2]> {
-    let reach = REACH * stride;
-    let (du, dv) = ((i % SIDE) as u32 * stride, (i / SIDE) as u32 * stride);
-    Some([(u + du).checked_sub(reach)?, (v + dv).checked_sub(reach)?])
-}
-
 /// The same inside kernels.
 #[cfg(feature = "gpu")]
 pub(crate) mod gpu {
@@ -201,9 +98,10 @@ pub(crate) mod gpu {
     use cubecl::prelude::*;
 
     use super::super::term::gpu::{PixelRay, SurfaceHit};
-    use super::{MAX_STRETCH, NOISE, PatchNccLoss, REACH, SAMPLES, SIDE};
+    use super::PatchNccLoss;
     use crate::gpu::views::{Photo, Seen, is_object};
     use crate::gpu::voxel::Point;
+    use crate::plane_patch::{MAX_STRETCH, NOISE, REACH, SAMPLES, SIDE};
 
     #[derive(CubeLaunch, CubeType, Clone, Copy)]
     pub(crate) struct Weights {
@@ -344,34 +242,13 @@ pub(crate) mod gpu {
 
 #[cfg(test)]
 mod tests {
+    use glam::Vec3;
+
     use super::super::term::SurfaceHit;
     use super::*;
     use crate::color::ColorSample;
     use crate::losses::GridLosses;
     use crate::step::suite::Fixture;
-
-    fn speckles() -> Fixture {
-        Fixture::speckled_ball(0.3, GridLosses::default())
-    }
-
-    /// The brightness of a photograph in double precision.
-    fn brightness(view: &TrainingView, [u, v]: [u32; 2]) -> f64 {
-        f64::from(view.brightness(u, v).unwrap())
-    }
-
-    #[test]
-    fn samples_lie_around_the_pixel_as_far_apart_as_the_stride() {
-        for stride in [1, 3] {
-            let found: Vec<[u32; 2]> = (0..SAMPLES).map(|i| sample([10, 20], i, stride).unwrap()).collect();
-            let around = |middle: u32| (-2..=2).map(move |k: i64| (i64::from(middle) + k * i64::from(stride)) as u32);
-            let expected: Vec<[u32; 2]> = around(20).flat_map(|v| around(10).map(move |u| [u, v])).collect();
-            assert_eq!(found, expected);
-            assert!(
-                sample([2 * stride - 1, 20], 0, stride).is_none() && sample([10, 2 * stride - 1], 0, stride).is_none()
-            );
-            assert_eq!(sample([2 * stride, 2 * stride], 0, stride), Some([0, 0]));
-        }
-    }
 
     #[test]
     fn patches_that_are_less_alike_pull_less() {
@@ -386,127 +263,20 @@ mod tests {
     }
 
     #[test]
-    fn contrast_is_what_a_ramp_does_not_explain() {
-        let fixture = speckles();
-        let view = &fixture.views[0];
-        for pixel @ [u, v] in [[48, 48], [40, 55], [60, 37], [52, 61]] {
-            // Least squares by hand: the mean and the two slopes are taken off one after the other.
-            let mut rest: Vec<f64> = (0..SAMPLES).map(|i| brightness(view, sample(pixel, i, 1).unwrap())).collect();
-            let patterns: [fn(usize) -> f64; 3] = [|_| 1.0, |i| (i % 5) as f64 - 2.0, |i| (i / 5) as f64 - 2.0];
-            for pattern in patterns {
-                let squares: f64 = (0..SAMPLES).map(|i| pattern(i).powi(2)).sum();
-                let share = (0..SAMPLES).map(|i| pattern(i) * rest[i]).sum::<f64>() / squares;
-                rest.iter_mut().enumerate().for_each(|(i, rest)| *rest -= share * pattern(i));
-            }
-            let expected = rest.iter().map(|rest| rest * rest).sum::<f64>() / SAMPLES as f64;
-            let found = f64::from(Patch::contrast(view, [u, v]));
-            assert!(expected > 1e-5 && (found - expected).abs() < 1e-6, "{pixel:?}: {found}, not {expected}");
-        }
-        assert_eq!(Patch::contrast(view, [3, 3]), 0.0, "background");
-    }
-
-    /// The patch of a pixel on a plane that its ray meets at this depth.
-    fn on_plane(view: &TrainingView, pixel: [u32; 2], depth: f32, normal: Vec3) -> Option<Patch> {
-        let point = view.camera.center + depth * view.direction(pixel[0], pixel[1]);
-        Patch::on_plane(view, pixel, 1, view.camera.center, point, normal)
-    }
-
-    /// A plane that faces the cameras, a little turned.
-    const NORMAL: Vec3 = Vec3::new(0.35, -0.25, 0.9);
-
-    #[test]
-    fn a_patch_lies_on_its_plane_where_its_pixels_look_and_moves_on_their_rays() {
-        let fixture = speckles();
-        let (view, pixel) = (&fixture.views[1], [50, 45]);
-        for normal in [NORMAL, -NORMAL] {
-            let patch = on_plane(view, pixel, 1.3, normal).unwrap();
-            let middle = view.camera.center + 1.3 * view.direction(50, 45);
-            let (near, far) =
-                (on_plane(view, pixel, 1.29, normal).unwrap(), on_plane(view, pixel, 1.31, normal).unwrap());
-            for i in 0..SAMPLES {
-                assert!(normal.dot(patch.points[i] - middle).abs() < 1e-5);
-                let seen = view.camera.project(patch.points[i]).0 - glam::Vec2::splat(0.5);
-                let [u, v] = sample(pixel, i, 1).unwrap();
-                assert!(seen.distance(glam::Vec2::new(u as f32, v as f32)) < 1e-2, "{seen}");
-                let difference = (far.points[i] - near.points[i]) / 0.02;
-                assert!(patch.motions[i].distance(difference) < 1e-3, "{} and {difference}", patch.motions[i]);
-            }
-        }
-    }
-
-    #[test]
-    fn a_plane_that_is_seen_edge_on_has_no_patch() {
-        let fixture = speckles();
-        let view = &fixture.views[0];
-        let across = view.direction(49, 48) - view.direction(47, 48);
-        let ahead = view.direction(48, 48);
-        // How much nearer or farther the outermost column is.
-        let stretched = |most: f32| {
-            let turn = (most - 1.0) / most;
-            let normal = ahead.normalize() - turn * across / across.length_squared() * ahead.length();
-            let patch = on_plane(view, [48, 48], 1.3, normal);
-            let reach = patch.map(|patch| {
-                let depths =
-                    patch.points.map(|point| (point - view.camera.center).dot(ahead) / ahead.length_squared() / 1.3);
-                depths.iter().fold(1.0f32, |most, depth| most.max(*depth).max(depth.recip()))
-            });
-            (reach, normal)
-        };
-        let (reach, normal) = stretched(1.1);
-        assert!(reach.is_some_and(|reach| (1.05..MAX_STRETCH).contains(&reach)), "{reach:?} {normal}");
-        for most in [1.25, 1.6] {
-            assert_eq!(stretched(most).0, None, "{most}");
-            // Mirrored, so that either side may be the far one.
-            let normal = 2.0 * ahead.normalize() * ahead.normalize().dot(stretched(most).1) - stretched(most).1;
-            assert!(on_plane(view, [48, 48], 1.3, normal).is_none(), "{most}");
-        }
-    }
-
-    #[test]
-    fn likeness_is_the_correlation_and_its_derivative_that_of_a_plane_that_moves() {
-        let fixture = speckles();
-        let (own, other) = (&fixture.views[0], &fixture.views[1]);
-        let mut compared = 0;
-        for pixel in [[48, 48], [44, 52], [53, 46], [50, 55], [46, 43]] {
-            let at = |depth: f32| on_plane(own, pixel, depth, NORMAL).unwrap().compare(other).unwrap();
-            let patch = on_plane(own, pixel, 1.31, NORMAL).unwrap();
-            let found = at(1.31);
-            // Both patches in double precision.
-            let own: Vec<f64> = (0..SAMPLES).map(|i| brightness(own, sample(pixel, i, 1).unwrap())).collect();
-            let color = |i: usize| other.reproject(patch.points[i], Vec3::X).unwrap().color;
-            let seen: Vec<f64> = (0..SAMPLES).map(|i| f64::from(color(i).element_sum()) / 3.0).collect();
-            let mean = |values: &[f64]| values.iter().sum::<f64>() / SAMPLES as f64;
-            let covariance = |a: &[f64], b: &[f64]| {
-                let product = |(x, y): (&f64, &f64)| (x - mean(a)) * (y - mean(b));
-                a.iter().zip(b).map(product).sum::<f64>() / SAMPLES as f64
-            };
-            let noise = f64::from(NOISE);
-            let scale = ((covariance(&own, &own) + noise) * (covariance(&seen, &seen) + noise)).sqrt();
-            let expected = covariance(&own, &seen) / scale;
-            assert!((f64::from(found.correlation) - expected).abs() < 1e-4, "{found:?}, not {expected}");
-            let step = 2e-4;
-            let difference = (at(1.31 + step).correlation - at(1.31 - step).correlation) / (2.0 * step);
-            // A sample that steps over a pixel's border bends the difference.
-            compared += usize::from((found.derivative - difference).abs() < 0.03 * difference.abs() + 0.05);
-        }
-        assert!(compared >= 4, "{compared} of 5");
-    }
-
-    #[test]
     fn patches_that_are_too_unlike_say_nothing_and_others_pull_by_their_weight() {
-        let fixture = speckles();
+        let fixture = Fixture::speckled_ball(0.3, GridLosses::default());
         let (own, other) = (&fixture.views[0], &fixture.views[1]);
-        let patch = on_plane(own, [48, 48], 1.31, NORMAL).unwrap();
-        let found = patch.compare(other).unwrap();
         let pixel = own.pixel_ray(0, 48 * 96 + 48);
         let hit = SurfaceHit {
             pixel: &pixel,
             origin: own.camera.center,
             depth: 1.31,
             point: own.camera.center + 1.31 * pixel.direction,
-            inward: NORMAL,
+            inward: Vec3::new(0.35, -0.25, 0.9),
             color: ColorSample { color: Vec3::ZERO, derivative: Vec3::ZERO },
         };
+        let patch = PlanePatch::on_plane(own, [48, 48], 1, hit.origin, hit.point, hit.inward).unwrap();
+        let found = patch.compare(other).unwrap();
         let seen = other.reproject(hit.point, pixel.direction).unwrap();
         let pulled = |min_correlation: f64| {
             let loss = PatchNccLoss { weight: 3.0, min_correlation, scale: 0.3, stride: 1 };

@@ -1,8 +1,8 @@
 //! Photographs as stereo reads them: grey, at the size that the fused field can show.
 
+use dvr_core::Pinhole;
 use glam::{Vec2, Vec3};
 
-use crate::pinhole::Pinhole;
 use crate::views::TrainingView;
 
 /// A photograph in grey.

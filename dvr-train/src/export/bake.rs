@@ -4,7 +4,7 @@
 //! is known, its colours can be read where they are sharp.
 
 use dvr_core::mesh::Mesh;
-use dvr_core::{Bilinear, Cancellation, Cancelled, Exposure, Observation, Sight, View, Visibility};
+use dvr_core::{Bilinear, Cancellation, Cancelled, Exposure, Observation, Sight, View, Visibility, weighted_median};
 use glam::{DVec2, Vec3};
 use rayon::prelude::*;
 
@@ -37,7 +37,9 @@ pub fn bake_colors(mesh: &mut Mesh, views: &[&View], cancellation: &Cancellation
             let mut shown: Vec<Shown> = sights.iter().filter_map(|sight| shown(views[sight.view], sight)).collect();
             shown.sort_by(|a, b| b.weight.total_cmp(&a.weight));
             shown.truncate(BEST_VIEWS);
-            let color = (!shown.is_empty()).then(|| [0, 1, 2].map(|channel| weighted_median(&shown, channel)));
+            let color = (!shown.is_empty()).then(|| {
+                [0, 1, 2].map(|channel| weighted_median(&mut shown, |each| (each.color[channel], each.weight)))
+            });
             Ok((Observation::of(sights.iter().map(|sight| sight.cosine)), color))
         })
         .collect::<Result<_, Cancelled>>()?;
@@ -73,21 +75,6 @@ fn sample(view: &View, pixel: DVec2) -> Option<[f32; 3]> {
         (0..3).for_each(|c| color[c] += weight * f32::from(pixel[c]) / 255.0);
     }
     Some(color)
-}
-
-/// The value of one channel at which half of the weight is reached.
-fn weighted_median(sights: &[Shown], channel: usize) -> f32 {
-    let mut values: Vec<(f32, f64)> = sights.iter().map(|sight| (sight.color[channel], sight.weight)).collect();
-    values.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let half = 0.5 * values.iter().map(|(_, weight)| weight).sum::<f64>();
-    let mut reached = 0.0;
-    for &(value, weight) in &values {
-        reached += weight;
-        if reached >= half {
-            return value;
-        }
-    }
-    values.last().map_or(0.0, |&(value, _)| value)
 }
 
 #[cfg(test)]
