@@ -1,32 +1,48 @@
-//! Euclidean distances to the outline of a mask.
+//! Euclidean distances to the outline of a mask, and to the surface of a body of voxels.
 //!
 //! The lower envelope of parabolas of Felzenszwalb and Huttenlocher (2012), exact and linear in the pixels. Written
 //! here: the crate that holds it (`imageproc`) brings a linear algebra library and a font renderer along.
+
+use crate::voxel::VoxelGrid;
 
 /// Signed distance of each cell's centre to the outline of `inside` (row by row, `width` wide), in cells: positive
 /// inside. The outline lies half way between neighbouring centres of different kind; without any outline the distances
 /// are infinite.
 pub fn signed_distance(inside: &[bool], width: usize) -> Vec<f32> {
-    let to_outside = squared_distance(inside, width, false);
-    let to_inside = squared_distance(inside, width, true);
+    signed(inside, &[width, inside.len().checked_div(width).unwrap_or(0)])
+}
+
+/// The same in space: distances of the nodes of `grid`, in its spacings.
+///
+/// # Panics
+/// When `inside` is not as long as the grid.
+pub fn signed_distance_at_nodes(inside: &[bool], grid: &VoxelGrid) -> Vec<f32> {
+    assert_eq!(inside.len(), grid.len(), "a value per node");
+    signed(inside, &[grid.nodes(); 3])
+}
+
+fn signed(inside: &[bool], sizes: &[usize]) -> Vec<f32> {
+    let to_outside = squared_distance(inside, sizes, false);
+    let to_inside = squared_distance(inside, sizes, true);
     let pairs = inside.iter().zip(to_outside.iter().zip(&to_inside));
     pairs.map(|(&inside, (out, into))| if inside { out.sqrt() - 0.5 } else { 0.5 - into.sqrt() }).collect()
 }
 
-/// Squared distance of each cell to the nearest cell that is `kind`.
-fn squared_distance(cells: &[bool], width: usize, kind: bool) -> Vec<f32> {
-    let height = cells.len().checked_div(width).unwrap_or(0);
+/// Squared distance of each cell to the nearest cell that is `kind`; the first of the sizes is that of the axis whose
+/// cells lie side by side.
+fn squared_distance(cells: &[bool], sizes: &[usize], kind: bool) -> Vec<f32> {
     let mut squared: Vec<f32> = cells.iter().map(|&c| if c == kind { 0.0 } else { f32::INFINITY }).collect();
     let mut envelope = Envelope::default();
-    let (mut line, mut out) = (vec![0.0; height], vec![0.0; height.max(width)]);
-    for x in 0..width {
-        line.iter_mut().enumerate().for_each(|(y, value)| *value = squared[y * width + x]);
-        envelope.distances(&line, &mut out[..height]);
-        (0..height).for_each(|y| squared[y * width + x] = out[y]);
-    }
-    for row in squared.chunks_mut(width.max(1)) {
-        envelope.distances(row, &mut out[..width]);
-        row.copy_from_slice(&out[..width]);
+    let mut stride = 1;
+    for &size in sizes {
+        let (mut line, mut out) = (vec![0.0; size], vec![0.0; size]);
+        let is_first = |cell: &usize| (cell / stride).is_multiple_of(size);
+        for first in (0..cells.len()).filter(is_first) {
+            line.iter_mut().enumerate().for_each(|(i, value)| *value = squared[first + i * stride]);
+            envelope.distances(&line, &mut out);
+            out.iter().enumerate().for_each(|(i, &value)| squared[first + i * stride] = value);
+        }
+        stride *= size;
     }
     squared
 }
@@ -95,6 +111,21 @@ mod tests {
                 let expected = if inside[i] { nearest - 0.5 } else { 0.5 - nearest };
                 assert!((found[i] - expected).abs() < 1e-4, "{i}: {} and {expected}", found[i]);
             }
+        }
+    }
+
+    #[test]
+    fn agrees_with_the_search_over_all_nodes() {
+        let grid = VoxelGrid::new(9, 1.0);
+        let mut rng = ChaCha8Rng::seed_from_u64(6);
+        let inside: Vec<bool> = (0..grid.len()).map(|_| rng.random_bool(0.03)).collect();
+        let found = signed_distance_at_nodes(&inside, &grid);
+        for i in 0..inside.len() {
+            let distance = |j: usize| (grid.position(i) - grid.position(j)).length() / grid.spacing();
+            let others = (0..inside.len()).filter(|&j| inside[j] != inside[i]);
+            let nearest = others.map(distance).fold(f32::INFINITY, f32::min);
+            let expected = if inside[i] { nearest - 0.5 } else { 0.5 - nearest };
+            assert!((found[i] - expected).abs() < 1e-4, "{i}: {} and {expected}", found[i]);
         }
     }
 

@@ -50,7 +50,7 @@ impl Refinement {
         let views = &TrainingView::pack(views, config.neighbours, 1);
         let mut carving = None;
         if config.plane_sweep_pixels > 0 {
-            let grid = padded_cube(config.first_cells);
+            let grid = padded_cube(2 * config.first_cells);
             let (hull, _) = start.hull(&grid, config)?;
             carving = SpaceCarving::by_plane_sweep(views, &grid, &hull, config.plane_sweep_pixels, cancellation)?;
         }

@@ -1,6 +1,9 @@
 //! What training starts from: the visual hull, less what a plane sweep of the photographs shows to be empty in it.
 
+mod carving_votes;
+mod confirmed;
 mod hull;
+mod min_cut;
 mod plane_sweep;
 mod space_carving;
 

@@ -2,32 +2,41 @@
 //!
 //! Gradients of colour lead to a match that is a pixel or two away. The inside of a bowl, which the hull closes, lies ten
 //! or twenty pixels behind its start. So before training a plane sweep looks for the depths of pixels, and every one of
-//! them votes: what lies before it is empty, what lies at it is solid. Nodes of a coarse grid that most votes call empty,
-//! and that lead to the outside, are carved away (space carving: Kutulakos and Seitz 2000, by votes instead of by
-//! colour); training finds the surface from there.
+//! them votes: what lies before it is empty, what lies at it is solid (space carving: Kutulakos and Seitz 2000, by votes
+//! instead of by colour). The solid of least area that agrees with the votes is kept; what is empty, leads to the
+//! outside, is deep, and is seen by pixels whose way to it is free, is carved away. Training finds the surface from there.
 
 use dvr_core::voxel::VoxelGrid;
-use dvr_core::{Cancellation, Cancelled};
+use dvr_core::{Cancellation, Cancelled, signed_distance_at_nodes};
 use glam::Vec3;
 use rayon::prelude::*;
 
+use super::carving_votes::{Votes, blurred, nodes_along};
+use super::confirmed::forget_unconfirmed;
+use super::min_cut::least_area;
 use super::plane_sweep::{PlaneSweep, SweptPixel};
 use crate::views::TrainingView;
 
-/// How much a pixel of unknown depth counts, beside one of a known depth: it takes the hull for solid.
-const UNKNOWN: f32 = 0.1;
+/// How near points of other views confirm a depth, in spacings.
+const CONFIRMED: f32 = 1.2;
 
-/// Votes for empty, per vote for solid, from which a node is empty. Two matches in five inside the demo's mug are wrong,
-/// and what lies too near calls empty nodes solid.
-const EMPTY: f32 = 1.3;
+/// How much a vote for solid counts, beside one for empty: a wall is seen by the few pixels that look at it, and passed by
+/// all that match too deep.
+const SOLID: f32 = 3.0;
 
-/// Fewest votes for empty, in pixels as wide as half a spacing.
-const LEAST: f32 = 1.0;
+/// Votes that half believe in what they say.
+const HALF_SURE: f32 = 3.0;
 
-/// Views whose votes are counted at the same time.
-const AT_ONCE: usize = 16;
+/// How deep a hollow is at least, in spacings behind the hull: shallower ones are noise, or in reach of the gradients.
+const DEEP: f32 = 3.0;
 
-/// What is carved out of the hull, as a distance-like value at the nodes of a coarse grid: negative where nothing is.
+/// Pixels that see a hollow's nodes on a free way, on the mean, at least.
+const SEEN: f32 = 0.2;
+
+/// Way through what is solid, in spacings, from which a pixel sees nothing behind it: its depth is wrong.
+const BLOCKED: f32 = 2.0;
+
+/// What is carved out of the hull, as a signed distance at the nodes of a grid, negative in what is carved.
 pub(crate) struct SpaceCarving {
     /// Carved nodes, as a share of those in the hull.
     pub share: f64,
@@ -36,8 +45,8 @@ pub(crate) struct SpaceCarving {
 }
 
 impl SpaceCarving {
-    /// Sweeps about this many pixels, spread evenly over the views; `hull` holds the hull's distance at the nodes of
-    /// `grid`, positive inside. `None` where nothing is carved.
+    /// Sweeps about this many pixels, spread evenly over the views, at the spacing of every second node of `grid`; `hull`
+    /// holds the hull's distance at its nodes, positive inside. `None` where nothing is carved.
     ///
     /// # Errors
     /// [`Cancelled`] where somebody wants it to end.
@@ -48,16 +57,51 @@ impl SpaceCarving {
         pixels: usize,
         cancellation: &Cancellation,
     ) -> Result<Option<Self>, Cancelled> {
-        let sweep = PlaneSweep::new(views, grid, cancellation);
+        let coarse = VoxelGrid::new(grid.cells() / 2 + 1, grid.half_extent());
+        let hull_of_coarse: Vec<f32> =
+            (0..coarse.len()).map(|node| hull[grid.index(coarse.coordinates(node).map(|c| 2 * c))]).collect();
+        let sweep = PlaneSweep::new(views, &coarse, cancellation);
         let stride = sweep.stride(pixels);
-        let swept = sweep.depths(hull, stride)?;
-        let votes = Votes::of(views, &swept, grid, (stride * stride) as f32);
+        let mut swept = sweep.depths(&hull_of_coarse, stride)?;
+        forget_unconfirmed(views, &mut swept, CONFIRMED * grid.spacing());
         cancellation.check()?;
-        let is_empty: Vec<bool> = (0..grid.len()).map(|node| hull[node] > 0.0 && votes.say_empty(node)).collect();
-        let carved = reachable(grid, hull, &is_empty);
+        let is_inside: Vec<bool> = hull.iter().map(|&distance| distance > 0.0).collect();
+        let weight = (stride * stride) as f32;
+        let votes = Votes::of(views, &swept, grid, weight);
+        let price: Vec<f32> =
+            votes.empty.iter().zip(&votes.solid).map(|(&empty, &solid)| price(empty, solid)).collect();
+        let solid = least_area(grid, &price, &is_inside, cancellation)?;
+        let seen = Self::seen_through(views, swept, grid, &solid, weight);
+        let carved = hollows(grid, hull, &solid, &seen);
         let count = carved.iter().filter(|&&carved| carved).count();
-        let share = count as f64 / hull.iter().filter(|&&distance| distance > 0.0).count().max(1) as f64;
-        Ok((count > 0).then(|| Self { share, grid: *grid, values: smoothed(grid, &carved) }))
+        let share = count as f64 / is_inside.iter().filter(|&&inside| inside).count().max(1) as f64;
+        Ok((count > 0).then(|| Self { share, grid: *grid, values: distances(grid, &carved) }))
+    }
+
+    /// Pixels that call each node empty, of those whose way to their depth is free.
+    fn seen_through(
+        views: &[TrainingView],
+        mut swept: Vec<Vec<SweptPixel>>,
+        grid: &VoxelGrid,
+        solid: &[bool],
+        weight: f32,
+    ) -> Vec<f32> {
+        let is_free = |origin: Vec3, pixel: &SweptPixel| {
+            let Some(depth) = pixel.depth else { return false };
+            let length = pixel.direction.length();
+            let end = depth - BLOCKED * grid.spacing() / length;
+            let mut through = 0.0;
+            let mut before = None;
+            for (z, node) in nodes_along(origin, pixel, grid, end) {
+                through += before.map_or(0.0, |before| (z - before) * length);
+                before = solid[node].then_some(z);
+            }
+            through + before.map_or(0.0, |before| (end - before) * length) < BLOCKED * grid.spacing()
+        };
+        swept.par_iter_mut().zip(views).for_each(|(pixels, view)| {
+            pixels.retain(|pixel| is_free(view.camera.center, pixel));
+        });
+        Votes::of(views, &swept, grid, weight).empty
     }
 
     /// The value at a point; large where nothing is carved nearby.
@@ -66,91 +110,13 @@ impl SpaceCarving {
     }
 }
 
-/// How many pixels call a node empty or solid; those of nearby nodes count in part.
-struct Votes {
-    empty: Vec<f32>,
-    solid: Vec<f32>,
+/// What it costs a node to be solid, from -1 to 1.
+fn price(empty: f32, solid: f32) -> f32 {
+    (empty - SOLID * solid) / (empty + SOLID * solid + HALF_SURE)
 }
 
-impl Votes {
-    fn none(grid: &VoxelGrid) -> Self {
-        Self { empty: vec![0.0; grid.len()], solid: vec![0.0; grid.len()] }
-    }
-
-    fn join(&mut self, other: &Self) {
-        let pairs = [(&mut self.empty, &other.empty), (&mut self.solid, &other.solid)];
-        pairs.into_iter().for_each(|(sum, votes)| sum.iter_mut().zip(votes).for_each(|(sum, vote)| *sum += vote));
-    }
-
-    /// The votes of all views; a pixel that was looked at stands for `weight` pixels.
-    fn of(views: &[TrainingView], swept: &[Vec<SweptPixel>], grid: &VoxelGrid, weight: f32) -> Self {
-        let of_view = |(view, pixels): (&TrainingView, &Vec<SweptPixel>)| {
-            let mut votes = Self::none(grid);
-            pixels.iter().for_each(|pixel| votes.add(view.camera.center, pixel, grid, weight));
-            votes
-        };
-        let mut sum = Self::none(grid);
-        // A few views at a time, which bounds the memory; one after another, so that sums do not depend on the threads.
-        for (views, swept) in views.chunks(AT_ONCE).zip(swept.chunks(AT_ONCE)) {
-            for votes in views.par_iter().zip(swept).map(of_view).collect::<Vec<_>>() {
-                sum.join(&votes);
-            }
-        }
-        Self { empty: blurred(grid, sum.empty), solid: blurred(grid, sum.solid) }
-    }
-
-    /// Adds the votes of a pixel: a spacing before its depth is empty, a spacing behind it solid.
-    fn add(&mut self, origin: Vec3, pixel: &SweptPixel, grid: &VoxelGrid, weight: f32) {
-        let step = 0.5 * grid.spacing();
-        let depth = pixel.depth.unwrap_or(pixel.near);
-        let weight = if pixel.depth.is_some() { weight } else { UNKNOWN * weight };
-        let mut last = usize::MAX;
-        let along = (0..).map(|k| pixel.near + k as f32 * step / pixel.direction.length());
-        for z in along.take_while(|z| *z < depth + grid.spacing()) {
-            let node = nearest(grid, origin + z * pixel.direction);
-            if node == last {
-                continue;
-            }
-            last = node;
-            if z < depth - grid.spacing() {
-                self.empty[node] += weight;
-            } else if z > depth - 0.5 * step {
-                self.solid[node] += weight;
-            }
-        }
-    }
-
-    /// Whether a node is empty by most votes.
-    fn say_empty(&self, node: usize) -> bool {
-        self.empty[node] > LEAST && self.empty[node] > EMPTY * self.solid[node]
-    }
-}
-
-/// The node nearest to a point.
-fn nearest(grid: &VoxelGrid, point: Vec3) -> usize {
-    let last = (grid.nodes() - 1) as f32;
-    let at = grid.to_grid(point).round().clamp(Vec3::ZERO, Vec3::splat(last));
-    grid.index(at.to_array().map(|c| c as usize))
-}
-
-/// Each node's value and half of those beside it, along all three axes: a binomial filter.
-fn blurred(grid: &VoxelGrid, mut values: Vec<f32>) -> Vec<f32> {
-    let last = grid.nodes() - 1;
-    for axis in 0..3 {
-        let stride = grid.nodes().pow(axis as u32);
-        let along = |node: usize| {
-            let at = grid.coordinates(node)[axis];
-            let (before, after) =
-                (if at > 0 { node - stride } else { node }, if at < last { node + stride } else { node });
-            0.25 * values[before] + 0.5 * values[node] + 0.25 * values[after]
-        };
-        values = (0..grid.len()).into_par_iter().map(along).collect();
-    }
-    values
-}
-
-/// The empty nodes of the hull that lead to the outside by others of their kind.
-fn reachable(grid: &VoxelGrid, hull: &[f32], is_empty: &[bool]) -> Vec<bool> {
+/// The nodes of the hull that are not solid, in parts that lead to the outside, are deep, and are seen.
+fn hollows(grid: &VoxelGrid, hull: &[f32], solid: &[bool], seen: &[f32]) -> Vec<bool> {
     let last = grid.nodes() - 1;
     let beside = |node: usize| {
         let at = grid.coordinates(node);
@@ -160,43 +126,37 @@ fn reachable(grid: &VoxelGrid, hull: &[f32], is_empty: &[bool]) -> Vec<bool> {
             (next[i / 2] <= last).then(|| grid.index(next))
         })
     };
-    let mut carved = vec![false; grid.len()];
-    let mut border: Vec<usize> =
-        (0..grid.len()).filter(|&node| is_empty[node] && beside(node).any(|next| hull[next] <= 0.0)).collect();
-    border.iter().for_each(|&node| carved[node] = true);
-    while let Some(node) = border.pop() {
-        for next in beside(node).filter(|&next| is_empty[next]) {
-            if !std::mem::replace(&mut carved[next], true) {
-                border.push(next);
+    let is_empty = |node: usize| hull[node] > 0.0 && !solid[node];
+    let leads_out = |node: usize| is_empty(node) && beside(node).any(|next| hull[next] <= 0.0);
+    let (mut carved, mut reached) = (vec![false; grid.len()], vec![false; grid.len()]);
+    for start in (0..grid.len()).filter(|&node| leads_out(node)) {
+        if std::mem::replace(&mut reached[start], true) {
+            continue;
+        }
+        let mut part = vec![start];
+        let mut done = 0;
+        while done < part.len() {
+            for next in beside(part[done]).filter(|&next| is_empty(next)) {
+                if !std::mem::replace(&mut reached[next], true) {
+                    part.push(next);
+                }
             }
+            done += 1;
+        }
+        let deepest = part.iter().map(|&node| hull[node]).fold(0.0, f32::max);
+        let mean = part.iter().map(|&node| f64::from(seen[node])).sum::<f64>() / part.len() as f64;
+        if deepest > DEEP * grid.spacing() && mean > f64::from(SEEN) {
+            part.into_iter().for_each(|node| carved[node] = true);
         }
     }
     carved
 }
 
-/// A value that passes through zero half way between what is carved and what is not, one spacing to both sides, and
-/// is large farther in.
-fn smoothed(grid: &VoxelGrid, carved: &[bool]) -> Vec<f32> {
-    let (last, spacing) = (grid.nodes() - 1, grid.spacing());
-    let around = |c: usize| c.saturating_sub(1)..=(c + 1).min(last);
-    (0..grid.len())
-        .into_par_iter()
-        .map(|node| {
-            let [x, y, z] = grid.coordinates(node);
-            let (mut solid, mut all) = (0, 0);
-            for (z, y) in around(z).flat_map(|z| around(y).map(move |y| (z, y))) {
-                for x in around(x) {
-                    solid += usize::from(!carved[grid.index([x, y, z])]);
-                    all += 1;
-                }
-            }
-            if solid == all { FAR * spacing } else { (2.0 * solid as f32 / all as f32 - 1.0) * spacing }
-        })
-        .collect()
+/// Distance to what is carved, negative inside it.
+fn distances(grid: &VoxelGrid, carved: &[bool]) -> Vec<f32> {
+    let distances = signed_distance_at_nodes(carved, grid);
+    blurred(grid, distances.into_iter().map(|distance| -distance * grid.spacing()).collect())
 }
-
-/// Spacings that stand for far away from what is carved.
-const FAR: f32 = 3.0;
 
 #[cfg(test)]
 mod tests {
@@ -222,6 +182,30 @@ mod tests {
         let turn = Quat::from_euler(EulerRot::XYZ, 0.5, 0.3, 0.2);
         let shape = field.shape();
         [0.06, -0.15].map(|y| shape.grid.value(&shape.values, turn * Vec3::new(0.0, y, 0.0)))
+    }
+
+    #[test]
+    fn a_part_is_carved_that_leads_out_is_deep_and_is_seen() {
+        let grid = VoxelGrid::new(17, 8.0);
+        let hull: Vec<f32> = (0..grid.len()).map(|node| 6.5 - grid.position(node).abs().max_element()).collect();
+        let is_bore = |node: usize, x: f32, bottom: f32| {
+            let at = grid.position(node);
+            (at.x - x).abs() < 1.5 && at.y.abs() < 1.5 && at.z > bottom
+        };
+        let (seen_bore, other_bore) = (|node| is_bore(node, 4.0, 0.0), |node| is_bore(node, -4.0, 0.0));
+        let (dent, void) =
+            (|node| is_bore(node, 0.0, 4.5), |node| is_bore(node, 0.0, -2.0) && !is_bore(node, 0.0, 2.0));
+        let solid: Vec<bool> = (0..grid.len())
+            .map(|node| hull[node] > 0.0 && !(seen_bore(node) || other_bore(node) || dent(node) || void(node)))
+            .collect();
+        let seen: Vec<f32> = (0..grid.len()).map(|node| if other_bore(node) { 0.0 } else { 1.0 }).collect();
+        let carved = hollows(&grid, &hull, &solid, &seen);
+        for node in 0..grid.len() {
+            assert_eq!(carved[node], seen_bore(node) && hull[node] > 0.0, "{}", grid.position(node));
+        }
+        let distances = distances(&grid, &carved);
+        let value = |z| grid.value(&distances, Vec3::new(4.0, 0.0, z));
+        assert!(value(4.0) < -0.5 && value(-3.0) > 2.5, "{} in the bore, {} under it", value(4.0), value(-3.0));
     }
 
     #[test]
