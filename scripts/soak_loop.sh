@@ -7,8 +7,8 @@
 # are over; the scene that was begun is ended. The temporary folder is OUT/tmp, and every round writes over the results of the round before.
 # Writes OUT/commands.csv: round, scene, command, seconds since the start, peak resident memory in MB, files in the temporary folder,
 # temporary files of `dvr` in OUT, files of the scene's results. Prints for each command the mean peak memory of the first and of the last
-# third of the rounds. Fails where it grows (by more than three standard errors, since one of twenty commands is beyond two by chance, and
-# by 2 %), where a temporary file stays, or where the number of files of results changes. Needs `dvr` on the PATH (or in $DVR), awk and GNU time. Run it from the root of the repository.
+# third of the rounds. Fails where it grows (by more than two standard errors and 2 %), where a temporary file stays, or where the number
+# of files of results changes. Needs `dvr` on the PATH (or in $DVR), awk and GNU time. Run it from the root of the repository.
 set -eu
 
 [ $# -ge 3 ] || { sed -n '2,12s/^# \{0,1\}//p' "$0" >&2; exit 2; }
@@ -73,7 +73,7 @@ awk -F, -v rounds=$round '
             before = sum[1, key] / n[1, key]
             change = sum[2, key] / n[2, key] - before
             error = sqrt(uncertainty(1, key) + uncertainty(2, key))
-            verdict = change > 3 * error && change > 0.02 * before ? "GROWS" : "flat"
+            verdict = change > 2 * error && change > 0.02 * before ? "GROWS" : "flat"
             if (n[1, key] < 3 || n[2, key] < 3) verdict = verdict " (few rounds)"
             if (key in changed) verdict = verdict ", the number of files changes"
             bad += verdict ~ /^GROWS$|changes/
