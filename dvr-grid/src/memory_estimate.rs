@@ -8,6 +8,7 @@ use dvr_core::View;
 
 use crate::config::GridConfig;
 use crate::growth::Growth;
+use crate::start::{CARVING_CELLS, CARVING_NODE};
 
 /// Bytes of a node of the finest grid: base, values, gradient and slopes of the shape, whether it is active, and at
 /// the end of a stage the interpolated base, distances and what is stored; with the coarser levels. Parameters and
@@ -42,11 +43,13 @@ impl GridConfig {
         // Up to `whole_cells`, everything in the hull learns: half of the cube, at most.
         let whole = nodes(cells.min(self.whole_cells as u64)) / 2;
         let color = nodes(cells / self.color_coarseness.max(1) as u64);
-        let of_grids = [nodes(cells) * SHAPE_NODE, color * COLOR_NODE, whole * PARAMETER];
+        let of_grids: u64 = [nodes(cells) * SHAPE_NODE, color * COLOR_NODE, whole * PARAMETER].into_iter().sum();
+        // Before there are grids, the hull is carved.
+        let of_carving = if self.plane_sweep_pixels > 0 { nodes(CARVING_CELLS as u64) * CARVING_NODE } else { 0 };
         let pixels = |view: &&View| u64::from(view.image.width()) * u64::from(view.image.height());
         let threads = rayon::current_num_threads() as u64;
         let of_view = |view: &&View| VIEW.min(pixels(view) * SMALL_VIEW_PIXEL);
         let of_views = [train.iter().map(of_view).sum(), threads * TRANSFORMED_VIEW];
-        of_grids.into_iter().chain(of_views).sum::<u64>() + self.rays.max(self.max_rays) as u64 * RAY
+        of_grids.max(of_carving) + of_views.into_iter().sum::<u64>() + self.rays.max(self.max_rays) as u64 * RAY
     }
 }

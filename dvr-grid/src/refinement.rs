@@ -8,7 +8,7 @@ use crate::active::ActiveNodes;
 use crate::color;
 use crate::config::GridConfig;
 use crate::multires::{ColorGrid, Grids, ShapeGrid, prolonged};
-use crate::start::{SpaceCarving, add_hull_detail, hull_start};
+use crate::start::{CARVING_CELLS, SpaceCarving, add_hull_detail, hull_start};
 use crate::stereo::FusedDistance;
 use crate::views::TrainingView;
 
@@ -48,16 +48,20 @@ impl Refinement {
             return Ok(start);
         }
         let views = &TrainingView::pack(views, config.neighbours, 1);
-        let mut carving = None;
+        let (mut carving, mut hull_of_carving) = (None, None);
         if config.plane_sweep_pixels > 0 {
-            let grid = padded_cube(2 * config.first_cells);
+            let grid = padded_cube(CARVING_CELLS);
             let (hull, _) = start.hull(&grid, config)?;
             carving = SpaceCarving::by_plane_sweep(views, &grid, &hull, config.plane_sweep_pixels, cancellation)?;
+            hull_of_carving = Some(hull);
         }
         let mut fused = None;
         if config.stereo_cells > 1 {
             let grid = padded_cube(config.stereo_cells / 2);
-            let (hull, _) = start.hull(&grid, config)?;
+            let hull = match hull_of_carving.filter(|_| grid.cells() == CARVING_CELLS) {
+                Some(hull) => hull,
+                None => start.hull(&grid, config)?.0,
+            };
             fused = FusedDistance::of_stereo(views, &grid, &hull, config.stereo_cells, cancellation)?;
         }
         Ok(Self { carving, fused, ..start })

@@ -11,7 +11,7 @@ use crate::views::TrainingView;
 const UNKNOWN: f32 = 0.1;
 
 /// Views whose votes are counted at the same time.
-const AT_ONCE: usize = 16;
+pub(super) const AT_ONCE: usize = 16;
 
 /// Spacings from node to node along a ray.
 const STEP: f32 = 0.5;

@@ -8,4 +8,4 @@ mod plane_sweep;
 mod space_carving;
 
 pub(crate) use hull::{add_hull_detail, hull_start};
-pub(crate) use space_carving::SpaceCarving;
+pub(crate) use space_carving::{CARVING_CELLS, CARVING_NODE, SpaceCarving};

@@ -11,11 +11,17 @@ use dvr_core::{Cancellation, Cancelled, signed_distance_at_nodes};
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::carving_votes::{Votes, blurred, nodes_along};
+use super::carving_votes::{AT_ONCE, Votes, blurred, nodes_along};
 use super::confirmed::forget_unconfirmed;
 use super::min_cut::least_area;
 use super::plane_sweep::{PlaneSweep, SweptPixel};
 use crate::views::TrainingView;
+
+/// Cells along an edge of the grid that is carved, whatever the first stage has: memory goes by their cube.
+pub(crate) const CARVING_CELLS: usize = 64;
+
+/// Bytes of a node of it: votes of the views that are counted at the same time and their sum, and what the cut solves for.
+pub(crate) const CARVING_NODE: u64 = 8 * (AT_ONCE as u64 + 1) + 32;
 
 /// How near points of other views confirm a depth, in spacings.
 const CONFIRMED: f32 = 1.2;
