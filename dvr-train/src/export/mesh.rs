@@ -119,8 +119,8 @@ fn simplified(full: Mesh, options: &MeshOptions, warnings: &mut Vec<String>) -> 
 /// What to say of a mesh that has more faces than it was given.
 pub fn over_budget(simple: &Mesh, most: usize) -> Option<String> {
     let faces = simple.faces.len();
-    let components = connected_components(simple.vertices.len(), &simple.faces).1;
     (faces > most).then(|| {
+        let components = connected_components(simple.vertices.len(), &simple.faces).1;
         format!(
             "the mesh has {faces} faces, more than {most}: its {components} component(s) cannot be simplified further"
         )
