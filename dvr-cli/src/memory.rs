@@ -8,7 +8,7 @@ use burn::tensor::Device;
 use dvr_core::{Camera, Scene};
 use dvr_render::extract::ExtractSettings;
 use dvr_render::{is_gpu, rendering_bytes};
-use dvr_train::{HostMemory, Method, check_host_memory, check_memory};
+use dvr_train::{HostMemory, MemoryShares, MeshOptions, Method, check_host_memory, check_memory};
 
 /// Limits the GPU memory of tensors to `--memory`.
 pub fn limit(device: &Device, memory: Option<u64>) {
@@ -33,23 +33,52 @@ pub fn limit_training(device: &Device, memory: Option<u64>, method: &dyn Method)
 }
 
 /// Makes room for a run on a scene: photographs that leave too little go into a scratch file. Returns what the run takes,
-/// about.
+/// about, and what it may.
 ///
 /// # Errors
 /// When there is not enough memory all the same.
 pub fn make_room(
     scene: &mut Scene,
     method: &dyn Method,
-    mesh: &ExtractSettings,
+    mesh: &MeshOptions,
     device: &Device,
     memory: Option<u64>,
-) -> Result<HostMemory> {
+) -> Result<(HostMemory, MemoryShares)> {
     let needed = HostMemory::of_run(method, scene, mesh);
-    let photographs = needed.photographs_within(of_process(device, memory))?;
-    if needed.photographs > photographs {
-        scene.keep_in_memory(photographs)?;
+    let shares = share(scene, needed, of_process(device, memory))?;
+    Ok((needed.bounded(shares), shares))
+}
+
+/// The same for a mesh of a run, whose options it returns with a bound for the texture.
+///
+/// # Errors
+/// As [`make_room`].
+pub fn make_room_for_mesh(
+    scene: &mut Scene,
+    mesh: MeshOptions,
+    device: &Device,
+    memory: Option<u64>,
+) -> Result<MeshOptions> {
+    let needed = HostMemory::of_mesh(scene, &mesh);
+    let shares = share(scene, needed, of_process(device, memory))?;
+    Ok(mesh.with_texture_within(shares.texture))
+}
+
+/// The same for a texture of which this is needed, whose bound in bytes it returns.
+///
+/// # Errors
+/// As [`make_room`].
+pub fn make_room_for_texture(scene: &mut Scene, needed: HostMemory, memory: Option<u64>) -> Result<u64> {
+    Ok(share(scene, needed, memory)?.texture)
+}
+
+/// Puts photographs into a scratch file that are beyond their share.
+fn share(scene: &mut Scene, needed: HostMemory, allowed: Option<u64>) -> Result<MemoryShares> {
+    let shares = needed.within(allowed)?;
+    if needed.photographs > shares.photographs {
+        scene.keep_in_memory(shares.photographs)?;
     }
-    Ok(HostMemory { photographs: needed.photographs.min(photographs), ..needed })
+    Ok(shares)
 }
 
 /// Refuses training on a dataset of objects where a step would not fit.

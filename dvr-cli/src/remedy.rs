@@ -95,7 +95,10 @@ fn of_texture(error: &TextureError) -> Option<String> {
                 .into(),
         ),
         TextureError::TooManyCharts { .. } => Some("Choose a larger --size, or simplify the mesh with --faces 50k.".into()),
-        TextureError::Memory { .. } => Some("Choose a smaller --size.".into()),
+        TextureError::Memory { .. } => Some(
+            "A smaller --texture N (--size N of `dvr texture`) takes less, --texture off nothing; or allow more with --memory."
+                .into(),
+        ),
         _ => None,
     }
 }
@@ -131,6 +134,7 @@ fn of_train(error: &TrainError) -> Option<String> {
         #[cfg(feature = "gpu")]
         TrainError::Device(error) => return of_device(error),
         TrainError::Codes(error) => return of_codes(error),
+        TrainError::Texture(error) => return of_texture(error),
         TrainError::StepMemory { rays, .. } => return Some(less_memory(*rays)),
         TrainError::HostMemory { .. } => {
             "--capacity N (grid), --resolution N, --size N, --set rays=N or --downscale N take less; or allow more with --memory."

@@ -80,7 +80,7 @@ fn beside_photographs(tiny: &Tiny, run: &str) -> u64 {
     let method = dvr_train::method_of(&checkpoint.header.method).unwrap();
     let mut scene = dvr_core::Scene::read(tiny.scene()).unwrap();
     checkpoint.header.views.unwrap().apply(&mut scene).unwrap();
-    let mesh = dvr_train::MeshOptions::with_resolution(32).extraction;
+    let mesh = dvr_train::MeshOptions::with_resolution(32);
     dvr_train::HostMemory::of_run(method.as_ref(), &scene, &mesh).rest
 }
 

@@ -29,6 +29,7 @@ fn the_estimate_lies_above_the_peak_and_not_far() {
         ("small grid", &small, &["--steps", "20", "--capacity", "32", "--resolution", "32"][..]),
         ("middle grid", &middle, &["--steps", "20", "--capacity", "128", "--resolution", "128"]),
         ("large grid", &middle, &["--steps", "4", "--capacity", "256", "--resolution", "128"]),
+        ("large texture", &small, &["--steps", "4", "--capacity", "32", "--resolution", "32", "--texture", "2048"]),
         ("small network", &small, &network),
     ];
     for (i, (name, tiny, more)) in runs.into_iter().enumerate() {
@@ -58,4 +59,21 @@ fn what_there_is_no_memory_for_is_refused_with_what_is_needed_and_a_remedy() {
     let render = ["render", text(&run), "--out", text(&out), "--size", "8192", "--memory", "1G"];
     refuses(&dvr(&render), &["MB of memory are needed", "--size"]);
     assert!(!mesh.exists() && !out.exists());
+}
+
+#[test]
+fn a_texture_that_there_is_no_memory_for_is_refused_before_anything_is_made() {
+    let tiny = Tiny::new();
+    let (scene, run, large) = (tiny.scene(), tiny.path("run"), ["--texture", "8192", "--memory", "1G"]);
+    let train = ["train", text(&scene), "--out", text(&run), "--steps", "4", "--capacity", "32", "--resolution", "32"];
+    let parts = ["8192 texels", "MB of memory to make", "MB are left", "--texture N", "--texture off", "--memory"];
+    refuses(&dvr(&[&train[..], &large].concat()), &parts);
+    assert!(!run.exists(), "nothing half-written");
+    succeeds(&dvr(&train));
+    let mesh = tiny.path("mesh.glb");
+    let again = ["mesh", text(&run), "--out", text(&mesh), "--resolution", "32"];
+    refuses(&dvr(&[&again[..], &large].concat()), &parts);
+    assert!(!mesh.exists());
+    // Without a texture, there is enough.
+    succeeds(&dvr(&[&again[..], &["--texture", "off", "--memory", "1G"]].concat()));
 }

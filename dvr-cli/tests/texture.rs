@@ -17,13 +17,13 @@ fn psnr(tiny: &Tiny, mesh: &Path) -> f64 {
     views.iter().map(|view| view["psnr"].as_f64().unwrap()).sum::<f64>() / views.len() as f64
 }
 
-/// A ball in four colours, seen from 24 sides, and the same ball without colours.
-fn ball() -> (Tiny, std::path::PathBuf) {
+/// A ball in four colours, seen from 24 sides on so many pixels squared, and the same ball without colours.
+fn ball(pixels: u32) -> (Tiny, std::path::PathBuf) {
     let mut ball = shapes::icosphere(4, 1.0);
     let check =
         |v: &Vec3| [0.2 + 0.6 * f32::from(u8::from(v.x > 0.0)), 0.5, 0.2 + 0.6 * f32::from(u8::from(v.y > 0.0))];
     ball.colors = Some(ball.vertices.iter().map(check).collect());
-    let tiny = Tiny::rendered(ball, 24, 64);
+    let tiny = Tiny::rendered(ball, 24, pixels);
     let bare = tiny.path("bare.ply");
     write_mesh(&bare, &Mesh { normals: None, ..shapes::icosphere(4, 1.0) }).unwrap();
     (tiny, bare)
@@ -35,7 +35,7 @@ fn has_texture(mesh: &TexturedMesh) -> bool {
 
 #[test]
 fn a_bare_mesh_gets_the_colours_of_the_photographs_in_every_format() {
-    let (tiny, bare) = ball();
+    let (tiny, bare) = ball(64);
     let scene = tiny.scene();
     for name in ["ball.glb", "ball.obj"] {
         let out = tiny.path(name);
@@ -50,8 +50,20 @@ fn a_bare_mesh_gets_the_colours_of_the_photographs_in_every_format() {
 }
 
 #[test]
+fn an_automatic_texture_gets_smaller_where_memory_is_short() {
+    let (tiny, bare) = ball(160);
+    let (scene, out) = (tiny.scene(), tiny.path("ball.glb"));
+    let made = |more: &[&str]| {
+        let arguments = ["texture", text(&bare), "--data", text(&scene), "--out", text(&out), "--overwrite"];
+        succeeds(&dvr(&[&arguments[..], more].concat()))
+    };
+    assert!(made(&[]).contains("512x512"));
+    assert!(made(&["--memory", "150M"]).contains("256x256"));
+}
+
+#[test]
 fn what_cannot_be_textured_is_said_and_nothing_is_written() {
-    let (tiny, bare) = ball();
+    let (tiny, bare) = ball(64);
     let (scene, out) = (tiny.scene(), tiny.path("out.glb"));
     let refused = |mesh: &Path, out: &Path, more: &[&str], parts: &[&str]| {
         let arguments = ["texture", text(mesh), "--data", text(&scene), "--out", text(out)];
@@ -76,6 +88,8 @@ fn what_cannot_be_textured_is_said_and_nothing_is_written() {
     for size in ["64", "16385", "large"] {
         refused(&bare, &out, &["--size", size], &["from 128 to 16384"]);
     }
+    let large = ["--size", "8192", "--memory", "200M"];
+    refused(&bare, &out, &large, &["8192 texels", "about 456", "78 MB are left", "--size N", "--memory"]);
     refused(&bare, &tiny.path("out.ply"), &[], &[".glb or .obj"]);
     assert!(!out.exists());
 

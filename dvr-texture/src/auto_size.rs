@@ -11,11 +11,11 @@ use crate::texels::{blend, corners};
 const PROBES: usize = 20_000;
 
 /// Share of a texture that charts cover, about.
-const COVER: f64 = 0.4;
+pub(crate) const COVER: f64 = 0.4;
 
 /// Sizes that are chosen.
-const LEAST: f64 = 256.0;
-const MOST: f64 = 8192.0;
+pub(crate) const LEAST: u32 = 256;
+const MOST: u32 = 8192;
 
 /// Largest size that is always rounded up: the padding of charts takes much of small textures.
 const SMALL: f64 = 2048.0;
@@ -51,10 +51,11 @@ pub(crate) fn auto_size(mesh: &Mesh, normals: &[Vec3], photographs: &[Photograph
     (probed > 0.0).then(|| power_of_two(edge))
 }
 
-fn power_of_two(edge: f64) -> u32 {
+/// The size for an edge of so many texels.
+pub(crate) fn power_of_two(edge: f64) -> u32 {
     let larger = edge.log2().ceil().exp2();
     let size = if larger <= SMALL { larger } else { edge.log2().round().exp2() };
-    size.clamp(LEAST, MOST) as u32
+    size.clamp(LEAST.into(), MOST.into()) as u32
 }
 
 #[cfg(test)]

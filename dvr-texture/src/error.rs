@@ -37,15 +37,18 @@ pub enum TextureError {
         /// The most.
         most: u32,
     },
-    /// The texture is too large for the machine.
-    #[error("a texture of {size} texels takes {needed} MB of memory to make, and {available} MB are free")]
+    /// The texture takes more memory than there is for it, or than is allowed.
+    #[error(
+        "a texture of {size} texels along its edge takes about {} MB of memory to make, and {} MB are left for it",
+        needed / 1_000_000, allowed / 1_000_000
+    )]
     Memory {
         /// The texture's edge in texels.
         size: u32,
-        /// Megabytes that are needed.
+        /// Bytes that it takes.
         needed: u64,
-        /// Megabytes that there are.
-        available: u64,
+        /// Bytes that it may.
+        allowed: u64,
     },
     /// Somebody wants it to end.
     #[error(transparent)]

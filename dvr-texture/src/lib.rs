@@ -30,6 +30,7 @@ mod auto_size;
 mod blend;
 mod error;
 mod fill;
+mod memory;
 mod photographs;
 mod settings;
 mod solve;

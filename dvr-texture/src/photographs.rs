@@ -5,10 +5,7 @@ use dvr_core::{Bilinear, Exposure, MIN_COSINE, View};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
-use crate::view_buffer::ViewBuffer;
-
-/// Cells of all z-buffers together, at most: 512 MB. Where photographs have more pixels, a cell is several pixels wide.
-const MAX_CELLS: u64 = 64_000_000;
+use crate::view_buffer::{ViewBuffer, stride};
 
 /// A photograph that colours can be taken from, and what it sees of the mesh.
 #[derive(Debug)]
@@ -24,8 +21,7 @@ impl<'a> Photograph<'a> {
     /// The photographs of a mesh in the space of the views' cameras. Views whose exposure is not known, while that of
     /// others is, say nothing of colour and are left out.
     pub fn all(mesh: &Mesh, views: &[&'a View]) -> Vec<Self> {
-        let pixels: u64 = views.iter().map(|view| u64::from(view.camera.width) * u64::from(view.camera.height)).sum();
-        let stride = (pixels as f64 / MAX_CELLS as f64).sqrt().ceil().max(1.0) as u32;
+        let stride = stride(views);
         let of = |view: &&'a View| {
             let exposure = view.exposure?;
             let buffer = ViewBuffer::draw(mesh, &view.camera, stride);

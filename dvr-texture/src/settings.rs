@@ -40,6 +40,9 @@ pub struct TextureSettings {
     pub largest_auto: u32,
     /// Steps of the least squares that make it agree with the photographs.
     pub steps: usize,
+    /// Bytes that it may take while it is made, beside the photographs and the mesh. An automatic size is halved until it
+    /// fits, another that does not fit is refused. What the machine has is a bound in any case.
+    pub max_bytes: u64,
 }
 
 impl TextureSettings {
@@ -60,7 +63,7 @@ impl TextureSettings {
 
 impl Default for TextureSettings {
     fn default() -> Self {
-        Self { size: TextureSize::Auto, largest_auto: *SIZES.end(), steps: 8 }
+        Self { size: TextureSize::Auto, largest_auto: *SIZES.end(), steps: 8, max_bytes: u64::MAX }
     }
 }
 

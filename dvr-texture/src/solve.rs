@@ -20,7 +20,7 @@ const BAND: u32 = 32;
 
 /// One pixel on the texture.
 #[derive(Clone, Copy, Debug)]
-struct Sample {
+pub(crate) struct Sample {
     /// The texel up and left of the place.
     texel: u32,
     /// How far the place is from it, to the right and down.

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use dvr_core::mesh::{Material, Mesh, TexturedMesh, shapes};
-use dvr_core::{Cancellation, View, available_memory};
+use dvr_core::{Cancellation, View};
 use glam::{Vec2, Vec3};
 use serde::{Deserialize, Serialize};
 
@@ -12,8 +12,9 @@ use crate::auto_size::auto_size;
 use crate::blend::blended;
 use crate::error::TextureError;
 use crate::fill::fill;
+use crate::memory::TextureMemory;
 use crate::photographs::Photograph;
-use crate::settings::TextureSettings;
+use crate::settings::{TextureSettings, TextureSize};
 use crate::solve::Samples;
 use crate::texels::Texels;
 
@@ -22,9 +23,6 @@ const PADDING: u32 = 4;
 
 /// Share of the surface below which photographs do not show it: an open mesh that is turned around is seen at its outlines.
 const LEAST_SEEN: f64 = 0.05;
-
-/// Bytes that are in use for each texel at the most.
-const BYTES_PER_TEXEL: u64 = 68;
 
 /// The parts that [`texture_mesh`] tells of.
 pub const PARTS: usize = 5;
@@ -77,14 +75,18 @@ pub fn texture_mesh(
     if is_inside_out(mesh) {
         return Err(TextureError::InsideOut);
     }
+    let memory = TextureMemory::new(views, settings.max_bytes).on_this_machine();
+    if let TextureSize::Texels(size) = settings.size {
+        memory.check(size)?;
+    }
     // The surface as it is: normals that a file brings may be those of a smoother one.
     let normals = shapes::vertex_normals(&mesh.vertices, &mesh.faces);
     let photographs = Photograph::all(mesh, views);
     cancellation.check()?;
-    let fitting =
+    let automatic =
         auto_size(mesh, &normals, &photographs).ok_or(TextureError::Hidden { views: views.len(), seen: 0.0 })?;
-    let size = settings.size_where(fitting);
-    check_memory(size)?;
+    let size = settings.size_where(memory.fitting(automatic));
+    memory.check(size)?;
     progress(1, "visibility");
     let atlas = Atlas::unwrap(mesh, size, PADDING, cancellation)?;
     let texels = Texels::draw(&atlas);
@@ -112,16 +114,6 @@ fn is_inside_out(mesh: &Mesh) -> bool {
     };
     let volume: f64 = (0..mesh.faces.len()).map(six_volumes).sum();
     volume < 0.0 && mesh.open_edges() == 0
-}
-
-fn check_memory(size: u32) -> Result<(), TextureError> {
-    let needed = BYTES_PER_TEXEL * u64::from(size) * u64::from(size);
-    match available_memory() {
-        Some(available) if needed > available => {
-            Err(TextureError::Memory { size, needed: needed / 1_000_000, available: available / 1_000_000 })
-        }
-        _ => Ok(()),
-    }
 }
 
 fn textured(mesh: &Mesh, atlas: &Atlas, colors: &[Vec3]) -> TexturedMesh {

@@ -4,7 +4,7 @@
 //! asked.
 
 use dvr_core::mesh::Mesh;
-use dvr_core::{Camera, Pinhole};
+use dvr_core::{Camera, Pinhole, View};
 use glam::{Vec2, Vec3};
 
 /// No face is seen.
@@ -19,6 +19,15 @@ const CLEARANCE: f32 = 2e-3;
 
 /// Steepest slope, as a tangent between line of sight and normal, for which the margin of the depth test grows.
 const MAX_TANGENT: f32 = 5.0;
+
+/// Cells of all z-buffers together, at most. Where photographs have more pixels, a cell is several pixels wide.
+const MAX_CELLS: u64 = 64_000_000;
+
+/// Pixels along the edge of a cell where all of these views are drawn.
+pub(crate) fn stride(views: &[&View]) -> u32 {
+    let pixels: u64 = views.iter().map(|view| u64::from(view.camera.width) * u64::from(view.camera.height)).sum();
+    (pixels as f64 / MAX_CELLS as f64).sqrt().ceil().max(1.0) as u32
+}
 
 /// The nearest face and its z-depth at the middles of cells of `stride` x `stride` pixels.
 #[derive(Clone, Debug)]
@@ -35,9 +44,14 @@ pub(crate) struct ViewBuffer {
 }
 
 impl ViewBuffer {
+    /// Columns and rows of cells of `stride` x `stride` pixels.
+    pub fn cells(camera: &Camera, stride: u32) -> [u32; 2] {
+        [camera.width, camera.height].map(|side| side.div_ceil(stride))
+    }
+
     /// Draws a mesh of the camera's space. Faces that reach behind the camera are left out.
     pub fn draw(mesh: &Mesh, camera: &Camera, stride: u32) -> Self {
-        let (width, height) = (camera.width.div_ceil(stride), camera.height.div_ceil(stride));
+        let [width, height] = Self::cells(camera, stride);
         let cells = width as usize * height as usize;
         let mut buffer = Self {
             camera: Pinhole::new(camera),

@@ -258,6 +258,9 @@ pub enum Error {
         /// Bytes that it may.
         allowed: u64,
     },
+    /// There is no memory for the texture that was asked for.
+    #[error(transparent)]
+    Texture(dvr_texture::TextureError),
     /// Tensors hold more of a GPU's memory than they may.
     #[error(
         "after step {step}, tensors hold about {} of GPU memory, and {} are allowed",

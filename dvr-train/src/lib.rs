@@ -77,7 +77,7 @@ pub use learners::warm_start::{carve_hull, hull_bound, warm_start};
 pub use methods::classic::classic;
 pub use methods::field_method::FieldMethod;
 pub use methods::grid::{GridMethod, grid};
-pub use methods::host_memory::{HostMemory, check_host_memory};
+pub use methods::host_memory::{HostMemory, MemoryShares, check_host_memory};
 pub use methods::hull::hull;
 pub use methods::memory_estimate::check_memory;
 pub use methods::method::{Hardware, Method, Needs, Schedule, Start};

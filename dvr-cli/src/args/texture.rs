@@ -26,8 +26,8 @@ pub struct TextureArgs {
     /// Replace the files at --out
     #[arg(long)]
     pub overwrite: bool,
-    /// Texels along the texture's edge: auto, at which a texel is about as large as a pixel of the photographs, or a number
-    /// [128 to 16384; default: auto]
+    /// Texels along the texture's edge: auto, at which a texel is about as large as a pixel of the photographs, less where
+    /// memory is short, or a number [128 to 16384; default: auto]
     #[arg(long, value_parser = parse_texture_size, value_name = "N")]
     pub size: Option<TextureSize>,
     /// Simplify the mesh first, to at most so many faces, those first whose loss moves the surface least: full, or a
@@ -80,8 +80,8 @@ impl LookArg {
 #[command(next_help_heading = "Mesh")]
 pub struct TextureArg {
     /// Texture of the GLB (and of OBJ with `dvr mesh`) from the photographs: off, auto, at which a texel is about as large
-    /// as a pixel, or texels along its edge [128 to 16384; default: auto]. It costs some seconds at the end; PLY has colours
-    /// per vertex
+    /// as a pixel, less where memory is short, or texels along its edge [128 to 16384; default: auto]. It costs some
+    /// seconds at the end; PLY has colours per vertex
     #[arg(long, value_parser = parse_texture, value_name = "N")]
     pub texture: Option<TextureChoice>,
 }

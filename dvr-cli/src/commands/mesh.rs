@@ -37,8 +37,12 @@ pub fn run(args: &MeshArgs, cancellation: &Cancellation) -> Result<ExitCode> {
     // no single scene, and imported runs may have none.
     let has_scene =
         method.objects().is_none() && (args.data.is_some() || !checkpoint.header.scene.as_os_str().is_empty());
-    let scene = has_scene.then(|| scene_of_run(&checkpoint, args.data.as_ref(), args.memory.memory, cancellation));
+    let mut scene = has_scene.then(|| scene_of_run(&checkpoint, args.data.as_ref(), args.memory.memory, cancellation));
     cancellation.check()?;
+    let options = match &mut scene {
+        Some(Ok(scene)) => memory::make_room_for_mesh(scene, options, &device, args.memory.memory)?,
+        _ => options,
+    };
     let views = match &scene {
         None => Vec::new(),
         Some(Ok(scene)) => {

@@ -9,11 +9,12 @@ use dvr_core::mesh::{read_mesh_with_warnings, write_textured_mesh};
 use dvr_core::metrics::Simplification;
 use dvr_core::{Cancellation, HOLD_OUT_EVERY, Scene, View, ViewSplit};
 use dvr_texture::{PARTS, TextureError, TextureReport, texture_mesh};
-use dvr_train::{Observer, over_budget};
+use dvr_train::{HostMemory, Observer, over_budget};
 
 use super::simplified::simplified_to;
 use super::{SceneReading, print_notes, refinement_notes};
 use crate::args::{TextureArgs, texture_settings};
+use crate::memory::make_room_for_texture;
 use crate::progress::Progress;
 
 /// Reads, colours and writes.
@@ -29,10 +30,13 @@ pub fn run(args: &TextureArgs, cancellation: &Cancellation) -> Result<ExitCode> 
     }
     let reading = SceneReading::of_arguments(&args.reading);
     let divide = |scene: &mut Scene| Ok(scene.hold_out(HOLD_OUT_EVERY));
-    let (scene, parts, refined) = reading.read(&args.data, divide, cancellation)?;
+    let (mut scene, parts, refined) = reading.read(&args.data, divide, cancellation)?;
     print_notes(&scene.warnings);
     print_notes(&refinement_notes(&refined));
-    let views: Vec<&View> = if args.all_views { scene.views.iter().collect() } else { ViewSplit::of(&scene)?.train };
+    let mut settings = texture_settings(args.size, args.preset);
+    let needed = HostMemory::of_texture(&scene, &views_of(args, &scene)?, found.mesh.faces.len(), &settings);
+    settings.max_bytes = make_room_for_texture(&mut scene, needed, args.reading.memory)?;
+    let views = views_of(args, &scene)?;
     if !args.all_views && views.len() < scene.views.len() {
         eprintln!("views as a run with the default settings divides them: {parts}");
     }
@@ -44,7 +48,6 @@ pub fn run(args: &TextureArgs, cancellation: &Cancellation) -> Result<ExitCode> 
         println!("{}", simplified_to(simple.faces.len(), &simplification));
         mesh = simple;
     }
-    let settings = texture_settings(args.size, args.preset);
     let mut progress = Progress::new();
     progress.phase("texture", PARTS);
     let textured = texture_mesh(&mesh, &views, &settings, cancellation, |done, part| progress.progress(done, part))?;
@@ -56,6 +59,11 @@ pub fn run(args: &TextureArgs, cancellation: &Cancellation) -> Result<ExitCode> 
         println!("wrote {}", path.display());
     }
     Ok(ExitCode::SUCCESS)
+}
+
+/// The views that give the colours.
+fn views_of<'a>(args: &TextureArgs, scene: &'a Scene) -> Result<Vec<&'a View>> {
+    Ok(if args.all_views { scene.views.iter().collect() } else { ViewSplit::of(scene)?.train })
 }
 
 /// What a texture is, in a line.

@@ -60,7 +60,8 @@ fn train_scene(
     method.check_scene(&scene)?;
     describe(&scene, &views, method);
     let meshing = run_mesh_options(&args.meshing, args.texture, args.preset, cancellation);
-    let needed = make_room(&mut scene, method, &meshing.extraction, &device, args.reading.memory)?;
+    let (needed, shares) = make_room(&mut scene, method, &meshing, &device, args.reading.memory)?;
+    let meshing = meshing.with_texture_within(shares.texture);
     eprintln!(
         "memory: about {} MB, photographs {} MB of it",
         needed.total() / 1_000_000,

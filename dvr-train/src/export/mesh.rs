@@ -47,6 +47,16 @@ impl MeshOptions {
         let extraction = ExtractSettings { resolution, upsampling_steps, ..ExtractSettings::default() };
         Self { extraction, texture: Some(TextureSettings::default()), ..Self::default() }
     }
+
+    /// How these views become a texture; `None` where none is asked for, or there are no views.
+    pub(crate) fn texture_from(&self, views: &[&View]) -> Option<TextureSettings> {
+        self.texture.filter(|_| self.colors == ColorSource::Photos && !views.is_empty())
+    }
+
+    /// The same with at most this many bytes for the texture.
+    pub fn with_texture_within(self, max_bytes: u64) -> Self {
+        Self { texture: self.texture.map(|texture| TextureSettings { max_bytes, ..texture }), ..self }
+    }
 }
 
 /// The surface of a field.

@@ -5,7 +5,7 @@ use dvr_core::mesh::Mesh;
 use dvr_texture::{TextureError, Textured, texture_mesh};
 
 use crate::error::Result;
-use crate::export::mesh::{ColorSource, MeshOptions};
+use crate::export::mesh::MeshOptions;
 
 /// The mesh, in object space, with a texture from the photographs, where the options ask for one. What stands against it
 /// becomes a warning: the mesh has the photographs' colours in its vertices all the same.
@@ -18,9 +18,7 @@ pub fn photo_texture(
     options: &MeshOptions,
     warnings: &mut Vec<String>,
 ) -> Result<Option<Textured>> {
-    let Some(settings) = options.texture.filter(|_| options.colors == ColorSource::Photos && !views.is_empty()) else {
-        return Ok(None);
-    };
+    let Some(settings) = options.texture_from(views) else { return Ok(None) };
     match texture_mesh(mesh, views, &settings, &options.extraction.cancellation, |_, _| ()) {
         Ok(textured) => Ok(Some(textured)),
         Err(TextureError::Cancelled(cancelled)) => Err(cancelled.into()),

@@ -1,0 +1,163 @@
+//! What a texture takes of memory while it is made, and how large one may be.
+
+use dvr_core::{View, available_memory};
+use glam::{Vec3, Vec4};
+use rayon::prelude::*;
+
+use crate::auto_size::{COVER, LEAST, power_of_two};
+use crate::error::TextureError;
+use crate::settings::TextureSettings;
+use crate::solve::Sample;
+use crate::view_buffer::{ViewBuffer, stride};
+
+/// Bytes of a texel: its colour, and the moves of a step of the least squares before, while and after they are smoothed.
+/// Eight are to spare.
+const TEXEL: u64 = (size_of::<Vec3>() + 3 * size_of::<Vec4>() + 8) as u64;
+
+/// Bytes of a cell of a z-buffer: depth and face.
+const CELL: u64 = (size_of::<f32>() + size_of::<u32>()) as u64;
+
+/// Bytes of a pixel on the texture, which is there by photograph and by band while pixels are put into bands.
+const PIXEL: u64 = 2 * size_of::<Sample>() as u64;
+
+/// The surface of an object in parts of what a photograph shows of it: twice the four (Cauchy) that it is of a convex one
+/// in the mean over all sides.
+const SURFACE: f64 = 8.0;
+
+/// What textures from some photographs take, and what they may.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct TextureMemory {
+    /// Bytes of what photographs see, whatever the texture's size.
+    pixels: u64,
+    /// The automatic size, as far as it can be told without the mesh.
+    expected: u32,
+    /// Bytes that there are.
+    allowed: u64,
+}
+
+impl TextureMemory {
+    /// Of textures from these views, with so many bytes for all.
+    pub fn new(views: &[&View], allowed: u64) -> Self {
+        let stride = stride(views);
+        let counts = |view: &&View| {
+            let [width, height] = ViewBuffer::cells(&view.camera, stride).map(u64::from);
+            let all = u64::from(view.camera.width) * u64::from(view.camera.height);
+            // What lies off the mask gives no colours; a view without a mask may show the mesh anywhere.
+            let shown = view.training_mask().map_or(all, |mask| mask.object_pixels() as u64);
+            [width * height, shown]
+        };
+        let counts: Vec<[u64; 2]> = views.par_iter().map(counts).collect();
+        let [cells, shown] = [0, 1].map(|k| counts.iter().map(|count| count[k]).sum::<u64>());
+        let surface = SURFACE * shown as f64 / views.len().max(1) as f64;
+        Self {
+            pixels: CELL * cells + PIXEL * shown.div_ceil(u64::from(stride).pow(2)),
+            expected: power_of_two((surface / COVER).sqrt()),
+            allowed,
+        }
+    }
+
+    /// The same, and no more than the machine has.
+    pub fn on_this_machine(self) -> Self {
+        Self { allowed: available_memory().map_or(self.allowed, |bytes| bytes.min(self.allowed)), ..self }
+    }
+
+    /// Bytes that a texture of this size takes.
+    fn needed(&self, size: u32) -> u64 {
+        TEXEL * u64::from(size).pow(2) + self.pixels
+    }
+
+    /// Halves a size until there is memory for it, down to the least that is chosen.
+    pub fn fitting(&self, mut size: u32) -> u32 {
+        while size > LEAST && self.needed(size) > self.allowed {
+            size /= 2;
+        }
+        size
+    }
+
+    /// Whether there is memory for a texture of this size.
+    ///
+    /// # Errors
+    /// [`TextureError::Memory`] where there is not.
+    pub fn check(&self, size: u32) -> Result<(), TextureError> {
+        let (needed, allowed) = (self.needed(size), self.allowed);
+        if needed > allowed { Err(TextureError::Memory { size, needed, allowed }) } else { Ok(()) }
+    }
+}
+
+impl TextureSettings {
+    /// Bytes that a texture from these views takes while it is made, at most, about, beside the photographs and the mesh:
+    /// 68 per texel, 8 per pixel of the photographs (of those beyond 64 million, cells of several pixels), and 56 per
+    /// pixel that shows the object.
+    ///
+    /// An automatic size follows from the mesh, which is not known here: it is taken for that of an object with twice the
+    /// surface of a convex one, halved until it is within [`TextureSettings::max_bytes`].
+    pub fn memory_estimate(&self, views: &[&View]) -> u64 {
+        let memory = TextureMemory::new(views, self.max_bytes);
+        memory.needed(self.size_where(memory.fitting(memory.expected)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use dvr_core::{Camera, Mask, stored};
+    use glam::DVec3;
+    use image::{GrayImage, Luma, RgbImage};
+
+    use super::*;
+    use crate::settings::TextureSize;
+
+    /// A view of 100 x 80 pixels whose left `columns` show the object, or one without a mask.
+    fn view(columns: Option<u32>) -> View {
+        let camera = Camera::look_at(100, 80, 100.0, 2.0 * DVec3::Z, DVec3::ZERO, DVec3::Y);
+        let mask = |columns: u32| GrayImage::from_fn(100, 80, |u, _| Luma([if u < columns { 255 } else { 0 }]));
+        View::new("view", camera, stored(RgbImage::new(100, 80)), columns.map(|columns| Mask::from(mask(columns))))
+    }
+
+    fn settings(size: TextureSize, max_bytes: u64) -> TextureSettings {
+        TextureSettings { size, max_bytes, ..TextureSettings::default() }
+    }
+
+    #[test]
+    fn the_estimate_grows_with_texels_pixels_and_what_shows_the_object() {
+        let of = |size: u32, views: &[&View]| settings(TextureSize::Texels(size), u64::MAX).memory_estimate(views);
+        let (quarter, half, all) = (view(Some(25)), view(Some(50)), view(None));
+        assert_eq!((TEXEL, CELL, PIXEL), (68, 8, 56));
+        assert_eq!(of(256, &[]), 68 * 256 * 256);
+        assert_eq!(of(512, &[&quarter]), 68 * 512 * 512 + 8 * 8000 + 56 * 2000);
+        assert_eq!(of(512, &[&quarter, &half]), 68 * 512 * 512 + 8 * 16_000 + 56 * 6000);
+        assert_eq!(of(512, &[&all]), 68 * 512 * 512 + 64 * 8000, "a view without a mask may show the mesh anywhere");
+    }
+
+    #[test]
+    fn many_pixels_share_cells() {
+        let camera = |side: u32| Camera { width: side, height: side, ..view(None).camera };
+        let large = |side: u32| View { camera: camera(side), ..view(None) };
+        let (eight, nine) = (large(8000), large(9000));
+        assert_eq!((stride(&[&eight]), stride(&[&nine])), (1, 2));
+        let memory = TextureMemory::new(&[&nine], u64::MAX);
+        assert_eq!(memory.pixels, 64 * 4500 * 4500);
+    }
+
+    #[test]
+    fn an_automatic_size_is_halved_until_it_fits() {
+        // Eight times 8000 pixels on two fifths of the texture: 400 texels along the edge.
+        let whole = view(Some(100));
+        let of = |max_bytes: u64| settings(TextureSize::Auto, max_bytes).memory_estimate(&[&whole]);
+        let pixels = 64 * 8000;
+        let texture = |size: u64| 68 * size * size + pixels;
+        assert_eq!([u64::MAX, texture(512), texture(512) - 1, 0].map(of), [512, 512, 256, 256].map(texture));
+        let memory = TextureMemory::new(&[&whole], texture(2048));
+        assert_eq!([8192, 4096, 2048, 256].map(|size| memory.fitting(size)), [2048, 2048, 2048, 256]);
+    }
+
+    #[test]
+    fn what_does_not_fit_is_refused_with_both_figures() {
+        let whole = view(Some(100));
+        let needed = 68 * 512 * 512 + 64 * 8000;
+        assert!(TextureMemory::new(&[&whole], needed).check(512).is_ok());
+        let error = TextureMemory::new(&[&whole], needed - 1).check(512).unwrap_err();
+        let TextureError::Memory { size, needed: found, allowed } = error else { panic!("{error}") };
+        assert_eq!((size, found, allowed), (512, needed, needed - 1));
+        assert!(error.to_string().contains("18 MB"), "{error}");
+    }
+}
