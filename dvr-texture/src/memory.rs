@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use crate::auto_size::{COVER, LEAST, power_of_two};
 use crate::error::TextureError;
-use crate::settings::TextureSettings;
+use crate::settings::{TextureSettings, TextureSize};
 use crate::solve::Sample;
 use crate::view_buffer::{ViewBuffer, stride};
 
@@ -24,9 +24,14 @@ const PIXEL: u64 = 2 * size_of::<Sample>() as u64;
 /// in the mean over all sides.
 const SURFACE: f64 = 8.0;
 
+/// Widest cells that an automatic texture is made from where memory is short, in pixels.
+const MAX_STRIDE: u32 = 16;
+
 /// What textures from some photographs take, and what they may.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct TextureMemory {
+    /// Pixels along the edge of a cell, of which each gives the texture a colour.
+    pub stride: u32,
     /// Bytes of what photographs see, whatever the texture's size.
     pixels: u64,
     /// The automatic size, as far as it can be told without the mesh.
@@ -36,29 +41,32 @@ pub(crate) struct TextureMemory {
 }
 
 impl TextureMemory {
-    /// Of textures from these views, with so many bytes for all.
-    pub fn new(views: &[&View], allowed: u64) -> Self {
-        let stride = stride(views);
-        let counts = |view: &&View| {
-            let [width, height] = ViewBuffer::cells(&view.camera, stride).map(u64::from);
+    /// Of textures from these views, with so many bytes for all. Where the size is automatic, cells are widened until
+    /// what photographs see takes no more than half of them.
+    pub fn new(views: &[&View], settings: &TextureSettings, allowed: u64) -> Self {
+        // What lies off the mask gives no colours; a view without a mask may show the mesh anywhere.
+        let shown = |view: &&View| {
             let all = u64::from(view.camera.width) * u64::from(view.camera.height);
-            // What lies off the mask gives no colours; a view without a mask may show the mesh anywhere.
-            let shown = view.training_mask().map_or(all, |mask| mask.object_pixels() as u64);
-            [width * height, shown]
+            view.training_mask().map_or(all, |mask| mask.object_pixels() as u64)
         };
-        let counts: Vec<[u64; 2]> = views.par_iter().map(counts).collect();
-        let [cells, shown] = [0, 1].map(|k| counts.iter().map(|count| count[k]).sum::<u64>());
-        let surface = SURFACE * shown as f64 / views.len().max(1) as f64;
-        Self {
-            pixels: CELL * cells + PIXEL * shown.div_ceil(u64::from(stride).pow(2)),
-            expected: power_of_two((surface / COVER).sqrt()),
-            allowed,
+        let shown: u64 = views.par_iter().map(shown).sum();
+        let cells = |stride: u32| -> u64 {
+            let of = |view: &&View| ViewBuffer::cells(&view.camera, stride).map(u64::from).iter().product::<u64>();
+            views.iter().map(of).sum()
+        };
+        let pixels = |stride: u32| CELL * cells(stride) + PIXEL * shown.div_ceil(u64::from(stride).pow(2));
+        let mut stride = stride(views);
+        while settings.size == TextureSize::Auto && stride < MAX_STRIDE && pixels(stride) > allowed / 2 {
+            stride += 1;
         }
+        let surface = SURFACE * shown as f64 / views.len().max(1) as f64;
+        Self { stride, pixels: pixels(stride), expected: power_of_two((surface / COVER).sqrt()), allowed }
     }
 
-    /// The same, and no more than the machine has.
-    pub fn on_this_machine(self) -> Self {
-        Self { allowed: available_memory().map_or(self.allowed, |bytes| bytes.min(self.allowed)), ..self }
+    /// The same, with no more bytes than the machine has.
+    pub fn on_this_machine(views: &[&View], settings: &TextureSettings) -> Self {
+        let allowed = available_memory().map_or(settings.max_bytes, |bytes| bytes.min(settings.max_bytes));
+        Self::new(views, settings, allowed)
     }
 
     /// Bytes that a texture of this size takes.
@@ -90,9 +98,9 @@ impl TextureSettings {
     /// pixel that shows the object.
     ///
     /// An automatic size follows from the mesh, which is not known here: it is taken for that of an object with twice the
-    /// surface of a convex one, halved until it is within [`TextureSettings::max_bytes`].
+    /// surface of a convex one, made from wider cells and halved until it is within [`TextureSettings::max_bytes`].
     pub fn memory_estimate(&self, views: &[&View]) -> u64 {
-        let memory = TextureMemory::new(views, self.max_bytes);
+        let memory = TextureMemory::new(views, self, self.max_bytes);
         memory.needed(self.size_where(memory.fitting(memory.expected)))
     }
 }
@@ -104,7 +112,6 @@ mod tests {
     use image::{GrayImage, Luma, RgbImage};
 
     use super::*;
-    use crate::settings::TextureSize;
 
     /// A view of 100 x 80 pixels whose left `columns` show the object, or one without a mask.
     fn view(columns: Option<u32>) -> View {
@@ -134,7 +141,7 @@ mod tests {
         let large = |side: u32| View { camera: camera(side), ..view(None) };
         let (eight, nine) = (large(8000), large(9000));
         assert_eq!((stride(&[&eight]), stride(&[&nine])), (1, 2));
-        let memory = TextureMemory::new(&[&nine], u64::MAX);
+        let memory = TextureMemory::new(&[&nine], &TextureSettings::default(), u64::MAX);
         assert_eq!(memory.pixels, 64 * 4500 * 4500);
     }
 
@@ -145,17 +152,34 @@ mod tests {
         let of = |max_bytes: u64| settings(TextureSize::Auto, max_bytes).memory_estimate(&[&whole]);
         let pixels = 64 * 8000;
         let texture = |size: u64| 68 * size * size + pixels;
-        assert_eq!([u64::MAX, texture(512), texture(512) - 1, 0].map(of), [512, 512, 256, 256].map(texture));
-        let memory = TextureMemory::new(&[&whole], texture(2048));
+        assert_eq!([u64::MAX, texture(512), texture(512) - 1].map(of), [512, 512, 256].map(texture));
+        let memory = TextureMemory::new(&[&whole], &TextureSettings::default(), texture(2048));
         assert_eq!([8192, 4096, 2048, 256].map(|size| memory.fitting(size)), [2048, 2048, 2048, 256]);
+    }
+
+    #[test]
+    fn cells_are_widened_where_pixels_take_more_than_half_of_the_memory() {
+        let whole = view(Some(100));
+        let of = |allowed: u64| TextureMemory::new(&[&whole], &TextureSettings::default(), allowed);
+        // Cells of 1, 2 and 3 pixels: 64 bytes each, and at the border of three pixels some that are not full.
+        let pixels = [64 * 8000, 64 * 2000, 8 * 34 * 27 + 56 * 889];
+        for (k, pixels) in pixels.into_iter().enumerate() {
+            let memory = of(2 * pixels);
+            assert_eq!((memory.stride as usize, memory.pixels), (k + 1, pixels));
+            assert_eq!(of(2 * pixels - 1).stride as usize, k + 2);
+        }
+        assert_eq!(of(0).stride, MAX_STRIDE);
+        let asked = TextureMemory::new(&[&whole], &settings(TextureSize::Texels(512), 0), 0);
+        assert_eq!(asked.stride, 1, "a size that was asked for is made from all pixels, or not at all");
     }
 
     #[test]
     fn what_does_not_fit_is_refused_with_both_figures() {
         let whole = view(Some(100));
         let needed = 68 * 512 * 512 + 64 * 8000;
-        assert!(TextureMemory::new(&[&whole], needed).check(512).is_ok());
-        let error = TextureMemory::new(&[&whole], needed - 1).check(512).unwrap_err();
+        let asked = settings(TextureSize::Texels(512), u64::MAX);
+        assert!(TextureMemory::new(&[&whole], &asked, needed).check(512).is_ok());
+        let error = TextureMemory::new(&[&whole], &asked, needed - 1).check(512).unwrap_err();
         let TextureError::Memory { size, needed: found, allowed } = error else { panic!("{error}") };
         assert_eq!((size, found, allowed), (512, needed, needed - 1));
         assert!(error.to_string().contains("18 MB"), "{error}");

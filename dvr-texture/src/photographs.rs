@@ -5,7 +5,7 @@ use dvr_core::{Bilinear, Exposure, MIN_COSINE, View};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
-use crate::view_buffer::{ViewBuffer, stride};
+use crate::view_buffer::ViewBuffer;
 
 /// A photograph that colours can be taken from, and what it sees of the mesh.
 #[derive(Debug)]
@@ -19,9 +19,8 @@ pub(crate) struct Photograph<'a> {
 
 impl<'a> Photograph<'a> {
     /// The photographs of a mesh in the space of the views' cameras. Views whose exposure is not known, while that of
-    /// others is, say nothing of colour and are left out.
-    pub fn all(mesh: &Mesh, views: &[&'a View]) -> Vec<Self> {
-        let stride = stride(views);
+    /// others is, say nothing of colour and are left out. What they see is kept in cells of `stride` pixels.
+    pub fn all(mesh: &Mesh, views: &[&'a View], stride: u32) -> Vec<Self> {
         let of = |view: &&'a View| {
             let exposure = view.exposure?;
             let buffer = ViewBuffer::draw(mesh, &view.camera, stride);

@@ -40,8 +40,9 @@ pub struct TextureSettings {
     pub largest_auto: u32,
     /// Steps of the least squares that make it agree with the photographs.
     pub steps: usize,
-    /// Bytes that it may take while it is made, beside the photographs and the mesh. An automatic size is halved until it
-    /// fits, another that does not fit is refused. What the machine has is a bound in any case.
+    /// Bytes that it may take while it is made, beside the photographs and the mesh. Where that is little, a texture of
+    /// automatic size is made from fewer pixels and gets smaller; another that does not fit is refused. What the machine
+    /// has is a bound in any case.
     pub max_bytes: u64,
 }
 

@@ -75,13 +75,13 @@ pub fn texture_mesh(
     if is_inside_out(mesh) {
         return Err(TextureError::InsideOut);
     }
-    let memory = TextureMemory::new(views, settings.max_bytes).on_this_machine();
+    let memory = TextureMemory::on_this_machine(views, settings);
     if let TextureSize::Texels(size) = settings.size {
         memory.check(size)?;
     }
     // The surface as it is: normals that a file brings may be those of a smoother one.
     let normals = shapes::vertex_normals(&mesh.vertices, &mesh.faces);
-    let photographs = Photograph::all(mesh, views);
+    let photographs = Photograph::all(mesh, views, memory.stride);
     cancellation.check()?;
     let automatic =
         auto_size(mesh, &normals, &photographs).ok_or(TextureError::Hidden { views: views.len(), seen: 0.0 })?;
