@@ -100,8 +100,7 @@ fn assignments(set: &[String]) -> Result<Value> {
         let Some((key, value)) = assignment.split_once('=') else {
             bail!("--set {assignment}: write KEY=VALUE, e.g. --set rays=512");
         };
-        // What is no JSON is taken as a string, so that `--set occupancy_point=random` needs no quotes.
-        let value = serde_json::from_str(value).unwrap_or_else(|_| Value::String(value.to_owned()));
+        let value = value_of(value);
         let mut place = &mut overrides;
         for part in key.split('.') {
             if !place.is_object() {
@@ -112,6 +111,15 @@ fn assignments(set: &[String]) -> Result<Value> {
         *place = value;
     }
     Ok(overrides)
+}
+
+/// The JSON value that a text stands for. Numbers may be written as people do (`.5`, `+2`), and strings without quotes
+/// (`random`).
+fn value_of(text: &str) -> Value {
+    let whole = || text.parse().ok().map(|number: i64| Value::from(number));
+    let decimal = || text.parse().ok().and_then(serde_json::Number::from_f64).map(Value::Number);
+    let word = || Value::String(text.to_owned());
+    serde_json::from_str(text).ok().or_else(whole).or_else(decimal).unwrap_or_else(word)
 }
 
 /// The method that a YAML configuration of DVR's reference code describes.
@@ -133,5 +141,24 @@ fn of_reference_config(path: &Path, args: &TrainArgs, is_dataset: bool) -> Resul
         (true, false) => bail!("{} is for a dataset of many objects, and this is a single scene", path.display()),
         (false, true) => bail!("{} is for a single scene, and this is a dataset of many objects", path.display()),
         _ => Ok(method),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_are_json_numbers_as_people_write_them_or_words() {
+        let of = |texts: &[&str]| texts.iter().map(|text| value_of(text)).collect::<Vec<_>>();
+        assert_eq!(
+            of(&[".002", "+2", "1.", "-.5", "1e-3"]),
+            [json!(0.002), json!(2), json!(1.0), json!(-0.5), json!(0.001)]
+        );
+        assert_eq!(of(&["7", "true", "null", "[1,2]"]), [json!(7), json!(true), json!(null), json!([1, 2])]);
+        assert_eq!(
+            of(&["random", "inf", "NaN", "", "1,5"]),
+            ["random", "inf", "NaN", "", "1,5"].map(|word| json!(word))
+        );
     }
 }
