@@ -7,18 +7,22 @@ async function inflated(text) {
   return new Uint8Array(await new Response(stream).arrayBuffer());
 }
 
-// Positions and normals as floats, colours, confidence and views as bytes, faces as indices.
+// Positions, normals and texture coordinates as floats, colours, confidence and views as bytes, faces as indices.
 async function decodeMesh(text, facts) {
   const bytes = await inflated(text);
   const n = facts.vertices;
   const positions = new Float32Array(3 * n);
-  for (let axis = 0; axis < 3; axis++) {
-    const step = (facts.high[axis] - facts.low[axis]) / 65535;
+  // Tells the shares, from 0 to 1, whose low bytes are a plane and whose high bytes are the next.
+  const shares = (plane, tell) => {
     for (let i = 0, value = 0; i < n; i++) {
-      const code = bytes[2 * axis * n + i] | (bytes[(2 * axis + 1) * n + i] << 8);
+      const code = bytes[plane * n + i] | (bytes[(plane + 1) * n + i] << 8);
       value = (value + ((code >> 1) ^ -(code & 1))) & 0xffff;
-      positions[3 * i + axis] = facts.low[axis] + step * value;
+      tell(i, value / 65535);
     }
+  };
+  for (let axis = 0; axis < 3; axis++) {
+    const [low, extent] = [facts.low[axis], facts.high[axis] - facts.low[axis]];
+    shares(2 * axis, (i, share) => { positions[3 * i + axis] = low + extent * share; });
   }
   const component = (index) => {
     const values = new Uint8Array(n);
@@ -45,8 +49,10 @@ async function decodeMesh(text, facts) {
   for (let c = 0; c < 4; c++) {
     for (let i = 0; i < n; i++) colors[4 * i + c] = channels[c][i];
   }
+  const uvs = facts.textured ? new Float32Array(2 * n) : null;
+  for (let axis = 0; uvs && axis < 2; axis++) shares(13 + 2 * axis, (i, share) => { uvs[2 * i + axis] = share; });
   const faces = new Uint32Array(3 * facts.faces);
-  for (let i = 0, at = 13 * n, next = 0; i < faces.length; i++) {
+  for (let i = 0, at = (uvs ? 17 : 13) * n, next = 0; i < faces.length; i++) {
     let code = 0;
     for (let shift = 0; ; shift += 7) {
       const byte = bytes[at++];
@@ -56,5 +62,5 @@ async function decodeMesh(text, facts) {
     faces[i] = next - code;
     if (code === 0) next++;
   }
-  return { positions, normals, colors, views, faces };
+  return { positions, normals, uvs, colors, views, faces };
 }

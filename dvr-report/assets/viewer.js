@@ -2,11 +2,11 @@
 
 const MESH_VERTEX = `#version 300 es
 uniform mat4 uProjection, uView;
-in vec3 aPosition; in vec3 aNormal; in vec4 aColor;
-out vec3 vNormal; out vec3 vEye; out vec4 vColor;
+in vec3 aPosition; in vec3 aNormal; in vec4 aColor; in vec2 aUv;
+out vec3 vNormal; out vec3 vEye; out vec4 vColor; out vec2 vUv;
 void main() {
   vec4 eye = uView * vec4(aPosition, 1.0);
-  vEye = eye.xyz; vNormal = mat3(uView) * aNormal; vColor = aColor;
+  vEye = eye.xyz; vNormal = mat3(uView) * aNormal; vColor = aColor; vUv = aUv;
   gl_Position = uProjection * eye;
 }`;
 
@@ -14,7 +14,9 @@ void main() {
 const MESH_FRAGMENT = `#version 300 es
 precision highp float;
 uniform int uMode;
-in vec3 vNormal; in vec3 vEye; in vec4 vColor;
+uniform bool uTextured;
+uniform sampler2D uTexture;
+in vec3 vNormal; in vec3 vEye; in vec4 vColor; in vec2 vUv;
 out vec4 color;
 vec3 scale(float t) {
   vec3 c[5] = vec3[5](vec3(.549, .176, .016), vec3(.851, .467, .169), vec3(.949, .820, .420), vec3(.498, .753, .545), vec3(.059, .498, .478));
@@ -28,7 +30,7 @@ void main() {
   if (!gl_FrontFacing) n = -n;
   float facing = max(dot(n, toEye), 0.0);
   float light = 0.32 + 0.5 * max(dot(n, normalize(vec3(0.35, 0.75, 0.6))), 0.0) + 0.25 * facing;
-  if (uMode == 0) color = vec4(vColor.rgb, 1.0);
+  if (uMode == 0) color = vec4(uTextured ? texture(uTexture, vUv).rgb : vColor.rgb, 1.0);
   else if (uMode == 1) color = vec4(vec3(0.86, 0.87, 0.90) * light, 1.0);
   else if (uMode == 2) color = vec4(0.5 + 0.5 * n, 1.0);
   else {
@@ -69,6 +71,8 @@ class Viewer {
     this.cameras = root.querySelector("[data-cameras]");
     this.cameras.addEventListener("change", () => this.draw());
     if (!this.facts.cameras) this.cameras.closest("label").hidden = true;
+    const file = root.querySelector("[data-whole]");
+    if (file) file.addEventListener("change", () => this.choose(file));
     this.ready = Promise.resolve();
     this.gl = this.canvas.getContext("webgl2", { antialias: true, alpha: true, premultipliedAlpha: false });
     if (!this.gl) return this.say("This browser shows no WebGL 2, which the view in 3D needs. mesh.glb opens in Blender, MeshLab and most viewers.");
@@ -89,17 +93,14 @@ class Viewer {
     const source = document.getElementById(this.root.dataset.mesh);
     const mesh = await decodeMesh(source.textContent, this.facts);
     source.textContent = "";
-    const gl = this.gl;
     this.mesh = this.program(MESH_VERTEX, MESH_FRAGMENT);
     this.lines = this.program(LINE_VERTEX, LINE_FRAGMENT);
-    this.surface = gl.createVertexArray();
-    gl.bindVertexArray(this.surface);
-    this.attribute(this.mesh, "aPosition", mesh.positions, 3, gl.FLOAT, false);
-    this.attribute(this.mesh, "aNormal", mesh.normals, 3, gl.FLOAT, false);
-    this.attribute(this.mesh, "aColor", mesh.colors, 4, gl.UNSIGNED_BYTE, true);
-    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
-    gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, mesh.faces, gl.STATIC_DRAW);
-    this.corners = mesh.faces.length;
+    if (mesh.uvs) {
+      const texture = document.getElementById(this.root.dataset.mesh + "-texture");
+      mesh.picture = await this.picture(texture.textContent);
+      texture.textContent = "";
+    }
+    this.take(mesh);
     this.frusta = [false, true].map((heldOut) => this.lineSet(heldOut));
     const [low, high] = [this.facts.low, this.facts.high];
     this.center = V.scaled(V.add(low, high), 0.5);
@@ -111,6 +112,83 @@ class Viewer {
     this.home();
     new ResizeObserver(() => this.draw()).observe(this.canvas);
     this.root.dataset.state = "ready";
+  }
+
+  // A picture at a `data:` or `blob:` address.
+  async picture(address) {
+    const picture = new Image();
+    picture.src = address;
+    await picture.decode();
+    return picture;
+  }
+
+  // Hands a mesh to the graphics card, in place of the one that is there.
+  take(mesh) {
+    const gl = this.gl;
+    (this.buffers || []).forEach((buffer) => gl.deleteBuffer(buffer));
+    if (this.surface) gl.deleteVertexArray(this.surface);
+    this.surface = gl.createVertexArray();
+    gl.bindVertexArray(this.surface);
+    this.buffers = [
+      this.attribute(this.mesh, "aPosition", mesh.positions, 3, gl.FLOAT, false),
+      this.attribute(this.mesh, "aNormal", mesh.normals, 3, gl.FLOAT, false),
+      this.attribute(this.mesh, "aColor", mesh.colors, 4, gl.UNSIGNED_BYTE, true),
+      gl.createBuffer(),
+    ];
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.buffers[3]);
+    gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, mesh.faces, gl.STATIC_DRAW);
+    if (mesh.picture) {
+      this.buffers.push(this.attribute(this.mesh, "aUv", mesh.uvs, 2, gl.FLOAT, false));
+      this.upload(mesh.picture);
+    }
+    this.corners = mesh.faces.length;
+  }
+
+  upload(picture) {
+    const gl = this.gl;
+    if (this.texture) gl.deleteTexture(this.texture);
+    this.texture = gl.createTexture();
+    gl.bindTexture(gl.TEXTURE_2D, this.texture);
+    // Texture coordinates point up, rows of the picture run down.
+    gl.pixelStorei(gl.UNPACK_FLIP_Y_WEBGL, true);
+    const most = gl.getParameter(gl.MAX_TEXTURE_SIZE);
+    const [width, height] = [picture.naturalWidth, picture.naturalHeight].map((side) => Math.min(side, most));
+    let source = picture;
+    if (width < picture.naturalWidth || height < picture.naturalHeight) {
+      source = document.createElement("canvas");
+      [source.width, source.height] = [width, height];
+      source.getContext("2d").drawImage(picture, 0, 0, width, height);
+    }
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA, gl.RGBA, gl.UNSIGNED_BYTE, source);
+    gl.generateMipmap(gl.TEXTURE_2D);
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.LINEAR_MIPMAP_LINEAR);
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_S, gl.CLAMP_TO_EDGE);
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_T, gl.CLAMP_TO_EDGE);
+    // The padding of charts lasts for so many halvings.
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAX_LEVEL, 3);
+    this.root.dataset.texels = String(width);
+  }
+
+  choose(input) {
+    const [file] = input.files;
+    if (!file) return;
+    const told = this.root.querySelector(".whole");
+    told.textContent = "Reading " + file.name + " ...";
+    this.ready = this.ready.then(() => this.whole(file)).then(
+      () => { told.textContent = Number(this.root.dataset.faces).toLocaleString("en") + " faces, " + this.root.dataset.texels + " texels along the texture's edge."; },
+      (error) => { told.textContent = file.name + " cannot be shown: " + error.message + "."; },
+    );
+    input.value = "";
+  }
+
+  // All faces and texels, of the mesh.glb that the reader chose.
+  async whole(file) {
+    const mesh = decodeGlb(await file.arrayBuffer(), this.facts.toObject);
+    const address = URL.createObjectURL(mesh.texture);
+    mesh.picture = await this.picture(address).finally(() => URL.revokeObjectURL(address));
+    this.take(mesh);
+    this.root.dataset.faces = String(mesh.faces.length / 3);
+    this.draw();
   }
 
   program(vertex, fragment) {
@@ -130,10 +208,12 @@ class Viewer {
   attribute(program, name, data, size, type, normalised) {
     const gl = this.gl;
     const place = gl.getAttribLocation(program, name);
-    gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
+    const buffer = gl.createBuffer();
+    gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
     gl.bufferData(gl.ARRAY_BUFFER, data, gl.STATIC_DRAW);
     gl.enableVertexAttribArray(place);
     gl.vertexAttribPointer(place, size, type, normalised, 0, 0);
+    return buffer;
   }
 
   // The pyramids of the cameras that were trained on, or of those that were not.
@@ -213,6 +293,8 @@ class Viewer {
     };
     use(this.mesh);
     gl.uniform1i(gl.getUniformLocation(this.mesh, "uMode"), this.mode);
+    gl.uniform1i(gl.getUniformLocation(this.mesh, "uTextured"), this.texture ? 1 : 0);
+    gl.bindTexture(gl.TEXTURE_2D, this.texture || null);
     gl.bindVertexArray(this.surface);
     gl.drawElements(gl.TRIANGLES, this.corners, gl.UNSIGNED_INT, 0);
     if (this.cameras.checked) {

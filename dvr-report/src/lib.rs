@@ -38,6 +38,7 @@ mod page;
 mod pictures;
 mod region_pictures;
 mod report;
+mod run_mesh;
 mod run_section;
 mod settings;
 mod side_by_side;

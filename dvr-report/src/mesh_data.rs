@@ -3,7 +3,7 @@
 //!
 //! The bytes before deflating, little end first: the vertices' positions (three of 16 bits), normals (octahedral, two
 //! of 8 bits), colours (three of 8 bits), confidence (8 bits) and views (8 bits), each component by itself as zigzag
-//! differences from the vertex before; then the corners of the faces, each as a number of 7 bits a byte that says how
+//! differences from the vertex before; with a texture, its coordinates (two of 16 bits) in the same way; then the corners of the faces, each as a number of 7 bits a byte that says how
 //! far it lies below the next vertex not yet named. Neighbours in the file are neighbours on the surface, so that most
 //! bytes are small. `assets/mesh.js` reads it.
 
@@ -21,6 +21,9 @@ use meshopt::SimplifyOptions;
 /// How much a difference of colour, of the whole range, counts against moving the surface by the object's size.
 const COLOR_WEIGHT: f32 = 0.3;
 
+/// How much a difference of texture coordinates, of the whole texture, counts.
+const UV_WEIGHT: f32 = 1.0;
+
 /// How much a difference of confidence counts.
 const CONFIDENCE_WEIGHT: f32 = 0.1;
 
@@ -37,11 +40,12 @@ pub struct EncodedMesh {
     pub bounds: [Vec3; 2],
 }
 
-/// Encodes a mesh with at most about `max_faces` faces; colours are white and observations zero where it has none.
+/// Encodes a mesh with at most about `max_faces` faces; colours are white and observations zero where it has none. `uvs`
+/// are texture coordinates of its vertices, (0, 0) the bottom left corner; empty for a mesh without a texture.
 /// `None` for a mesh without faces.
-pub fn encode(mesh: &Mesh, max_faces: usize) -> Option<EncodedMesh> {
+pub fn encode(mesh: &Mesh, uvs: &[Vec2], max_faces: usize) -> Option<EncodedMesh> {
     let (low, high) = mesh.bounds().filter(|_| !mesh.is_empty())?;
-    let corners = meshopt::optimize_vertex_cache(&simplified(mesh, max_faces), mesh.vertices.len());
+    let corners = meshopt::optimize_vertex_cache(&simplified(mesh, uvs, max_faces), mesh.vertices.len());
     let (used, corners) = numbered(&corners, mesh.vertices.len());
 
     let normals = match &mesh.normals {
@@ -51,14 +55,7 @@ pub fn encode(mesh: &Mesh, max_faces: usize) -> Option<EncodedMesh> {
     let extent = (high - low).max(Vec3::splat(1e-9));
     let mut bytes = Vec::new();
     for axis in 0..3 {
-        let quantised = |i: &usize| ((mesh.vertices[*i][axis] - low[axis]) / extent[axis] * 65535.0).round() as u16;
-        let differences = differences(used.iter().map(quantised), |a, b| {
-            let difference = a.wrapping_sub(b) as i16;
-            ((difference << 1) ^ (difference >> 15)) as u16
-        });
-        // All low bytes, then all high ones, most of which are zero.
-        bytes.extend(differences.iter().map(|d| *d as u8));
-        bytes.extend(differences.iter().map(|d| (d >> 8) as u8));
+        push_shares(&mut bytes, used.iter().map(|&i| (mesh.vertices[i][axis] - low[axis]) / extent[axis]));
     }
     let mut component = |values: &dyn Fn(usize) -> u8| {
         bytes.extend(differences(used.iter().map(|&i| values(i)), |a, b| {
@@ -76,6 +73,10 @@ pub fn encode(mesh: &Mesh, max_faces: usize) -> Option<EncodedMesh> {
     // What was seen at all, however badly, is never rounded to what was not.
     component(&|i| byte(observation(i).confidence).max(u8::from(observation(i).views > 0)));
     component(&|i| observation(i).views.min(255) as u8);
+    if !uvs.is_empty() {
+        push_shares(&mut bytes, used.iter().map(|&i| uvs[i].x));
+        push_shares(&mut bytes, used.iter().map(|&i| uvs[i].y));
+    }
     push_corners(&mut bytes, &corners);
 
     let mut encoder = ZlibEncoder::new(Vec::new(), Compression::default());
@@ -86,7 +87,7 @@ pub fn encode(mesh: &Mesh, max_faces: usize) -> Option<EncodedMesh> {
 }
 
 /// The corners of at most about `max_faces` faces that show the same surface in the same colours.
-fn simplified(mesh: &Mesh, max_faces: usize) -> Vec<u32> {
+fn simplified(mesh: &Mesh, uvs: &[Vec2], max_faces: usize) -> Vec<u32> {
     let corners: Vec<u32> = mesh.faces.iter().flatten().copied().collect();
     if mesh.faces.len() <= max_faces {
         return corners;
@@ -96,10 +97,11 @@ fn simplified(mesh: &Mesh, max_faces: usize) -> Vec<u32> {
         .flat_map(|i| {
             let [r, g, b] = mesh.colors.as_ref().map_or([1.0; 3], |colors| colors[i]);
             let seen = mesh.observations.as_ref().map_or(0.0, |observations| observations[i].confidence);
-            [r, g, b, seen]
+            let uv = uvs.get(i).copied().unwrap_or_default();
+            [r, g, b, seen, uv.x, uv.y]
         })
         .collect();
-    let weights = [COLOR_WEIGHT, COLOR_WEIGHT, COLOR_WEIGHT, CONFIDENCE_WEIGHT];
+    let weights = [COLOR_WEIGHT, COLOR_WEIGHT, COLOR_WEIGHT, CONFIDENCE_WEIGHT, UV_WEIGHT, UV_WEIGHT];
     let unlocked = vec![false; mesh.vertices.len()];
     meshopt::simplify_with_attributes_and_locks_decoder(
         &corners,
@@ -143,6 +145,17 @@ fn push_corners(bytes: &mut Vec<u8>, corners: &[u32]) {
         }
         bytes.push(code as u8);
     }
+}
+
+/// Shares in `[0, 1]` as 16 bits: zigzag differences, all low bytes, then all high ones, most of which are zero.
+fn push_shares(bytes: &mut Vec<u8>, shares: impl Iterator<Item = f32>) {
+    let quantised = shares.map(|share| (share.clamp(0.0, 1.0) * 65535.0).round() as u16);
+    let differences = differences(quantised, |a, b| {
+        let difference = a.wrapping_sub(b) as i16;
+        ((difference << 1) ^ (difference >> 15)) as u16
+    });
+    bytes.extend(differences.iter().map(|d| *d as u8));
+    bytes.extend(differences.iter().map(|d| (d >> 8) as u8));
 }
 
 /// Each value's difference from the one before, the first one's from zero.
@@ -220,7 +233,7 @@ mod tests {
         let mut mesh = shapes::torus(0.3, 0.1, 40, 20);
         let seen = |v: &Vec3| Observation { views: if v.x > 0.0 { 300 } else { 0 }, confidence: 0.5 };
         mesh.observations = Some(mesh.vertices.iter().map(seen).collect());
-        let encoded = encode(&mesh, 1_000_000).unwrap();
+        let encoded = encode(&mesh, &[], 1_000_000).unwrap();
         let (positions, views, faces) = decode(&encoded);
         assert_eq!((positions.len(), faces.len()), (mesh.vertices.len(), mesh.faces.len()));
         // The order is another one: faces are known by their middles.
@@ -236,11 +249,11 @@ mod tests {
     #[test]
     fn a_large_mesh_is_simplified_and_small_to_store() {
         let mesh = shapes::icosphere(6, 0.4);
-        let encoded = encode(&mesh, 20_000).unwrap();
+        let encoded = encode(&mesh, &[], 20_000).unwrap();
         assert!(encoded.faces <= 20_000 && encoded.faces > 10_000, "{}", encoded.faces);
         assert!(encoded.text.len() < 20_000 * 12, "{} characters", encoded.text.len());
         let (positions, ..) = decode(&encoded);
         assert!(positions.iter().all(|v| (v.length() - 0.4).abs() < 1e-3));
-        assert!(encode(&Mesh::default(), 10).is_none());
+        assert!(encode(&Mesh::default(), &[], 10).is_none());
     }
 }

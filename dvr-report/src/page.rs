@@ -10,6 +10,7 @@ const STYLE: &str = include_str!("../assets/report.css");
 const SCRIPT: &str = include_str!("../assets/report.js");
 const VIEWER: &str = include_str!("../assets/viewer.js");
 const DECODER: &str = include_str!("../assets/mesh.js");
+const GLB: &str = include_str!("../assets/glb.js");
 
 /// The mark in the browser's tab: a small cube.
 const ICON: &str = "data:image/svg+xml,%3Csvg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 16 16'%3E%3Cpath d='M8 \
@@ -67,7 +68,7 @@ impl Page {
              <meta name=\"color-scheme\" content=\"light dark\">\n<title>{title}</title>\n\
              <link rel=\"icon\" href=\"{ICON}\">\n<style>\n{STYLE}{CHART_STYLE}</style>\n</head>\n<body>\n\
              <header><div><h1>{title}</h1><p>{subtitle}</p></div><nav>{links}</nav></header>\n<main>\n{body}</main>\n\
-             <footer>{}</footer>\n<script>\n{DECODER}{VIEWER}{SCRIPT}</script>\n</body>\n</html>\n",
+             <footer>{}</footer>\n<script>\n{DECODER}{GLB}{VIEWER}{SCRIPT}</script>\n</body>\n</html>\n",
             escape(&self.footer)
         )
     }

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use dvr_core::hull::Bounds;
-use dvr_core::mesh::{Mesh, read_mesh};
+use dvr_core::mesh::{TexturedMesh, UvVertices};
 use dvr_core::{Camera, Scene, View, Visibility};
 use dvr_render::MeshShader;
 use dvr_train::{CheckpointHeader, ObjectsMetrics, RunFolder, RunMetrics, Summary, ViewSplit, view_metrics};
@@ -17,6 +17,7 @@ use crate::error::{Error, Result};
 use crate::mesh_data::{EncodedMesh, encode};
 use crate::pictures::{ViewPictures, jpeg, view_pictures};
 use crate::region_pictures::RegionPicture;
+use crate::run_mesh::{page_texture, read_run_mesh, texture_of};
 use crate::settings::Settings;
 
 /// How much of a page one run may fill.
@@ -28,18 +29,30 @@ pub struct Budget {
     pub views: usize,
     /// Largest width of a picture, pixels.
     pub width: u32,
+    /// Largest edge of the mesh's texture, texels.
+    pub texels: u32,
 }
 
 impl Budget {
     /// The share of each of `runs` on one page.
     pub fn of_runs(runs: usize) -> Self {
         let runs = runs.max(1);
-        Self { faces: (200_000 / runs).max(8_000), views: if runs == 1 { 5 } else { (8 / runs).max(1) }, width: 480 }
+        Self {
+            faces: (200_000 / runs).max(8_000),
+            views: if runs == 1 { 5 } else { (8 / runs).max(1) },
+            width: 480,
+            texels: if runs == 1 { 2048 } else { 1024 },
+        }
     }
 
     /// A third less of everything.
     pub fn tighter(self) -> Self {
-        Self { faces: self.faces * 2 / 3, views: (self.views * 2 / 3).max(1), width: self.width * 5 / 6 }
+        Self {
+            faces: self.faces * 2 / 3,
+            views: (self.views * 2 / 3).max(1),
+            width: self.width * 5 / 6,
+            texels: self.texels * 4 / 5,
+        }
     }
 }
 
@@ -80,6 +93,8 @@ pub struct RunSummary {
     pub curves: Curves,
     /// The mesh for the page's viewer, and facts that the viewer needs.
     pub mesh: Option<(EncodedMesh, Value)>,
+    /// The mesh's texture, as a `data:` address.
+    pub texture: Option<String>,
     /// How much of the surface the photographs see.
     pub coverage: Option<Coverage>,
     /// The scene, where it was found.
@@ -121,6 +136,7 @@ impl RunSummary {
             figures: figures(&folder.metrics_json())?,
             curves,
             mesh: None,
+            texture: None,
             coverage: None,
             scene: None,
             views: Vec::new(),
@@ -146,16 +162,14 @@ impl RunSummary {
     ) -> Result<()> {
         self.title.clone_from(&metrics.scene);
         let split = scene.map(ViewSplit::of).transpose()?;
-        let mut mesh = match folder.mesh_ply() {
-            path if path.is_file() => read_mesh(path)?.mesh.transformed(&self.header.object_to_world.inverse()),
-            _ => Mesh::default(),
-        };
+        let mut textured = read_run_mesh(folder, &self.header.object_to_world)?;
+        let mesh = &mut textured.mesh;
         if let (Some(split), None, false) = (&split, &mesh.observations, mesh.is_empty()) {
             // A mesh that was written without its scene.
             let cameras: Vec<&Camera> = split.train.iter().map(|view| &view.camera).collect();
-            mesh.observations = Some(Visibility::new(&mesh).observe(&cameras));
+            mesh.observations = Some(Visibility::new(mesh).observe(&cameras));
         }
-        self.coverage = Coverage::of(&mesh);
+        self.coverage = Coverage::of(mesh);
         self.diagnostics = Diagnostics::of_scene(metrics, split.as_ref(), self.coverage, mesh.open_edges());
         if let (Some(scene), Some(split)) = (scene, &split) {
             self.scene = Some(SceneFacts {
@@ -165,7 +179,7 @@ impl RunSummary {
             });
             self.region = region_pictures(split, budget)?;
             if !mesh.is_empty() {
-                self.render_views(&mesh, split, budget)?;
+                self.render_views(&textured, split, budget)?;
             }
         }
         let up = scene.map_or(DVec3::Y, Scene::up);
@@ -174,11 +188,22 @@ impl RunSummary {
             let all = split.train.iter().map(|view| (view, false)).chain(others.map(|view| (view, true)));
             all.map(|(view, held_out)| frustum(&view.camera, held_out)).collect()
         });
-        self.mesh = encode(&mesh, budget.faces).map(|mesh| {
+        let texture = texture_of(&textured);
+        self.texture = texture.map(|texture| page_texture(texture, budget.texels)).transpose()?;
+        let encoded = match texture {
+            Some(_) => {
+                let split = UvVertices::of(&textured);
+                encode(&split.mesh, &split.uvs, budget.faces)
+            }
+            None => encode(&textured.mesh, &[], budget.faces),
+        };
+        let to_object = self.header.object_to_world.inverse().to_matrix();
+        self.mesh = encoded.map(|mesh| {
             let [low, high] = mesh.bounds.map(|corner| corner.to_array());
             let facts = json!({
                 "vertices": mesh.vertices, "faces": mesh.faces, "low": low, "high": high,
                 "up": up.as_vec3().to_array(), "cameras": cameras, "seen": self.coverage.is_some(),
+                "textured": self.texture.is_some(), "toObject": to_object.to_cols_array(),
             });
             (mesh, facts)
         });
@@ -186,8 +211,8 @@ impl RunSummary {
     }
 
     /// Renders the mesh into test views, and compares it with the mask of every training view.
-    fn render_views(&mut self, mesh: &Mesh, split: &ViewSplit, budget: Budget) -> Result<()> {
-        let shader = MeshShader::new(mesh);
+    fn render_views(&mut self, mesh: &TexturedMesh, split: &ViewSplit, budget: Budget) -> Result<()> {
+        let shader = MeshShader::textured(mesh);
         self.views_are_for_testing = !split.test.is_empty();
         let shown: &[&View] = if split.test.is_empty() { &split.train } else { &split.test };
         let count = budget.views.min(shown.len());

@@ -31,4 +31,5 @@ pub use simplify::LEAST_FACES;
 pub use textured_mesh::{Material, TexturedMesh};
 pub use topology::Topology;
 pub use triangle_mesh::Mesh;
+pub use uv_vertices::UvVertices;
 pub use write_textured::{Look, write_textured_mesh};

@@ -8,7 +8,8 @@ use super::textured_mesh::TexturedMesh;
 use super::triangle_mesh::Mesh;
 
 /// A mesh whose vertices are split where the texture coordinates of their faces differ: along the seams of an atlas.
-pub(super) struct UvVertices {
+#[derive(Clone, Debug)]
+pub struct UvVertices {
     /// The split mesh; faces in the same order.
     pub mesh: Mesh,
     /// Texture coordinates, one per vertex; (0, 0) is the texture's bottom left corner.

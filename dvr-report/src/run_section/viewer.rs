@@ -1,4 +1,4 @@
-//! The mesh in 3D: the canvas, its controls, and the encoded mesh.
+//! The mesh in 3D: the canvas, its controls, the encoded mesh and its texture.
 
 use std::fmt::Write;
 
@@ -22,14 +22,24 @@ pub(super) fn viewer(summary: &RunSummary, place: usize) -> String {
         Figures::Scene(metrics) => metrics
             .mesh
             .filter(|[_, faces]| *faces > mesh.faces)
-            .map(|[_, faces]| format!(" Simplified from {} faces for this page; mesh.glb has all.", count(faces))),
+            .map(|[_, faces]| format!("Simplified from {} faces for this page; mesh.glb has all.", count(faces))),
         Figures::Objects(_) => None,
     };
+    // A page cannot open files by itself, only those that its reader chooses.
+    let whole = if summary.texture.is_some() {
+        "<label class=\"file\" title=\"Choose the run's mesh.glb to see all its faces and texels\">Open \
+         mesh.glb<input type=\"file\" accept=\".glb\" data-whole></label>"
+    } else {
+        ""
+    };
+    let texture = summary.texture.as_ref().map_or_else(String::new, |address| {
+        format!("<script type=\"text/plain\" id=\"mesh-{place}-texture\">{address}</script>")
+    });
     format!(
         "<div class=\"viewer\" data-mesh=\"mesh-{place}\">\
          <div class=\"controls\"><div class=\"modes\" role=\"group\" aria-label=\"What the surface \
          shows\">{buttons}</div>\
-         <label class=\"toggle\"><input type=\"checkbox\" data-cameras> cameras</label>\
+         <label class=\"toggle\"><input type=\"checkbox\" data-cameras> cameras</label>{whole}\
          <button type=\"button\" data-home title=\"Back to the first view\">Reset</button></div>\
          <div class=\"screen\"><canvas tabindex=\"0\" aria-label=\"The mesh in 3D: drag to turn, scroll or pinch to \
          zoom, drag with the right \
@@ -39,10 +49,10 @@ pub(super) fn viewer(summary: &RunSummary, place: usize) -> String {
          observed</span></div></div>\
          <p class=\"hint about\" hidden>Confidence: cosine of the best viewing angle, times 1/2 for one view, 3/4 for \
          two and so on. It tells how well photographs see a place, not that the shape there is right.</p>\
-         <p class=\"hint\">Drag to turn, scroll or pinch to zoom, right button or two fingers to move. {} vertices, {} \
-         faces.{}</p>\
+         <p class=\"hint\">Drag to turn, scroll or pinch to zoom, right button or two fingers to move. <span class=\"whole\">{} \
+         vertices, {} faces. {}</span></p>\
          <script type=\"application/json\" id=\"mesh-{place}-facts\">{}</script>\
-         <script type=\"text/plain\" id=\"mesh-{place}\">{}</script></div>",
+         <script type=\"text/plain\" id=\"mesh-{place}\">{}</script>{texture}</div>",
         count(mesh.vertices),
         count(mesh.faces),
         shown.unwrap_or_default(),
