@@ -48,7 +48,7 @@ pub(crate) fn add_hull_detail(
 }
 
 /// Distance to the hull at every node (positive inside), and the nodes at which the shape may change: the hull and a
-/// band around it. What lies outside stays outside, and what is carved starts empty.
+/// band around it. What lies outside stays outside, what is carved starts empty, and what lies deep in it stays so.
 ///
 /// # Errors
 /// [`Cancelled`] where somebody wants it to end.
@@ -72,15 +72,18 @@ pub(crate) fn hull_start(
         })
         .collect::<Result<_, Cancelled>>()?;
     let band = BAND_CELLS * grid.spacing();
-    let active = ActiveNodes::new(grid, |node| distances[node] > -band && !on_border(node));
-    if let Some(carving) = carving {
-        active.iter().for_each(|node| distances[node] = distances[node].min(carving.at(grid.position(node))));
+    let in_band = ActiveNodes::new(grid, |node| distances[node] > -band && !on_border(node));
+    let mut may_change = vec![false; grid.len()];
+    for node in in_band.iter() {
+        let point = grid.position(node);
+        distances[node] = distances[node].min(carving.map_or(f32::INFINITY, |carving| carving.at(point)));
+        may_change[node] = !carving.is_some_and(|carving| carving.stays_empty(point));
     }
     if let Some(fused) = fused {
-        active.iter().for_each(|node| {
+        in_band.iter().for_each(|node| {
             let hull = distances[node];
             distances[node] = hull.min(fused.at(grid.position(node), hull));
         });
     }
-    Ok((distances, active))
+    Ok((distances, ActiveNodes::new(grid, |node| may_change[node])))
 }

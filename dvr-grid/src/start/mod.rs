@@ -5,6 +5,7 @@ mod confirmed;
 mod hull;
 mod min_cut;
 mod plane_sweep;
+mod silhouettes;
 mod space_carving;
 
 pub(crate) use hull::{add_hull_detail, hull_start};

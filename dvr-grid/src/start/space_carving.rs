@@ -3,8 +3,9 @@
 //! Gradients of colour lead to a match that is a pixel or two away. The inside of a bowl, which the hull closes, lies ten
 //! or twenty pixels behind its start. So before training a plane sweep looks for the depths of pixels, and every one of
 //! them votes: what lies before it is empty, what lies at it is solid (space carving: Kutulakos and Seitz 2000, by votes
-//! instead of by colour). The solid of least area that agrees with the votes is kept; what is empty, leads to the
-//! outside, is deep, and is seen by pixels whose way to it is free, is carved away. Training finds the surface from there.
+//! instead of by colour). The solid of least area that agrees with the votes, and explains the silhouettes, is kept; what
+//! is empty, leads to the outside, is deep, and is seen by pixels whose way to it is free, is carved away. Training finds
+//! the surface from there, and leaves the middle of hollows empty.
 
 use dvr_core::voxel::VoxelGrid;
 use dvr_core::{Cancellation, Cancelled, signed_distance_at_nodes};
@@ -15,6 +16,7 @@ use super::carving_votes::{AT_ONCE, Votes, blurred, nodes_along};
 use super::confirmed::forget_unconfirmed;
 use super::min_cut::least_area;
 use super::plane_sweep::{PlaneSweep, SweptPixel};
+use super::silhouettes::{unexplained, way};
 use crate::views::TrainingView;
 
 /// Cells along an edge of the grid that is carved, whatever the first stage has: memory goes by their cube.
@@ -42,12 +44,19 @@ const SEEN: f32 = 0.2;
 /// Way through what is solid, in spacings, from which a pixel sees nothing behind it: its depth is wrong.
 const BLOCKED: f32 = 2.0;
 
+/// How far a carved node lies at least from all that may be solid so that it stays empty, in spacings: walls are misplaced
+/// by about one.
+const STAYS_EMPTY: f32 = 1.2;
+
 /// What is carved out of the hull, as a signed distance at the nodes of a grid, negative in what is carved.
 pub(crate) struct SpaceCarving {
     /// Carved nodes, as a share of those in the hull.
     pub share: f64,
     grid: VoxelGrid,
     values: Vec<f32>,
+    /// The same for what is known to be empty: what is carved and on no ray that the first cut did not explain, and all
+    /// outside of the hull.
+    known_empty: Vec<f32>,
 }
 
 impl SpaceCarving {
@@ -74,14 +83,30 @@ impl SpaceCarving {
         let is_inside: Vec<bool> = hull.iter().map(|&distance| distance > 0.0).collect();
         let weight = (stride * stride) as f32;
         let votes = Votes::of(views, &swept, grid, weight);
-        let price: Vec<f32> =
+        let mut price: Vec<f32> =
             votes.empty.iter().zip(&votes.solid).map(|(&empty, &solid)| price(empty, solid)).collect();
-        let solid = least_area(grid, &price, &is_inside, cancellation)?;
+        let mut solid = least_area(grid, &price, &is_inside, cancellation)?;
+        let mut is_doubted = vec![false; grid.len()];
+        let unexplained = unexplained(views, &swept, grid, hull, &solid);
+        for &ray in &unexplained {
+            way(grid, hull, ray).for_each(|node| is_doubted[node] = true);
+        }
+        // Something on each of these rays is solid: what costs least.
+        let wanted: Vec<usize> = (unexplained.into_iter())
+            .filter_map(|ray| way(grid, hull, ray).min_by(|&a, &b| price[a].total_cmp(&price[b])))
+            .collect();
+        if !wanted.is_empty() {
+            wanted.into_iter().for_each(|node| price[node] = -1.0);
+            solid = least_area(grid, &price, &is_inside, cancellation)?;
+        }
         let seen = Self::seen_through(views, swept, grid, &solid, weight);
         let carved = hollows(grid, hull, &solid, &seen);
         let count = carved.iter().filter(|&&carved| carved).count();
         let share = count as f64 / is_inside.iter().filter(|&&inside| inside).count().max(1) as f64;
-        Ok((count > 0).then(|| Self { share, grid: *grid, values: distances(grid, &carved) }))
+        let known_empty: Vec<bool> =
+            (0..grid.len()).map(|node| hull[node] <= 0.0 || carved[node] && !is_doubted[node]).collect();
+        let known_empty = distances(grid, &known_empty);
+        Ok((count > 0).then(|| Self { share, grid: *grid, values: distances(grid, &carved), known_empty }))
     }
 
     /// Pixels that call each node empty, of those whose way to their depth is free.
@@ -108,6 +133,13 @@ impl SpaceCarving {
             pixels.retain(|pixel| is_free(view.camera.center, pixel));
         });
         Votes::of(views, &swept, grid, weight).empty
+    }
+
+    /// Whether a point lies so deep in what is carved that no surface can be there. Training closes hollows again
+    /// otherwise: noise of the gradients builds a film somewhere that no pixel's gradient takes away, since nothing like it
+    /// is seen in other views.
+    pub fn stays_empty(&self, point: Vec3) -> bool {
+        self.at(point) < 0.0 && self.grid.value(&self.known_empty, point) < -STAYS_EMPTY * self.grid.spacing()
     }
 
     /// The value at a point; large where nothing is carved nearby.
