@@ -18,9 +18,6 @@ const BAND_NODES: usize = 3;
 /// Views below which two that match by chance are too many: nothing but the hull is believed.
 const MIN_MATCHED_VIEWS: usize = 6;
 
-/// Share of the hull from which what was carved is a hollow, not dents and noise.
-const MUCH_CARVED: f64 = 0.2;
-
 /// What is known of the object before training.
 pub(crate) struct Refinement {
     masks: Vec<MaskDistance>,
@@ -75,7 +72,7 @@ impl Refinement {
 
     /// Whether photographs showed a good part of the hull to be empty.
     pub fn is_hollowed(&self) -> bool {
-        self.carving.as_ref().is_some_and(|carving| carving.share > MUCH_CARVED)
+        self.carving.as_ref().is_some_and(SpaceCarving::is_hollow)
     }
 
     /// Distances of the masks' outlines, in the order of the training views.

@@ -44,6 +44,9 @@ const SEEN: f32 = 0.2;
 /// Way through what is solid, in spacings, from which a pixel sees nothing behind it: its depth is wrong.
 const BLOCKED: f32 = 2.0;
 
+/// Share of the hull from which what was carved is a hollow, not dents and noise.
+const MUCH_CARVED: f64 = 0.2;
+
 /// How far a carved node lies at least from all that may be solid so that it stays empty, in spacings: walls are misplaced
 /// by about one.
 const STAYS_EMPTY: f32 = 1.2;
@@ -51,7 +54,7 @@ const STAYS_EMPTY: f32 = 1.2;
 /// What is carved out of the hull, as a signed distance at the nodes of a grid, negative in what is carved.
 pub(crate) struct SpaceCarving {
     /// Carved nodes, as a share of those in the hull.
-    pub share: f64,
+    share: f64,
     grid: VoxelGrid,
     values: Vec<f32>,
     /// The same for what is known to be empty: what is carved and on no ray that the first cut did not explain, and all
@@ -135,11 +138,18 @@ impl SpaceCarving {
         Votes::of(views, &swept, grid, weight).empty
     }
 
-    /// Whether a point lies so deep in what is carved that no surface can be there. Training closes hollows again
+    /// Whether a good part of the hull is carved.
+    pub fn is_hollow(&self) -> bool {
+        self.share > MUCH_CARVED
+    }
+
+    /// Whether a point lies so deep in a hollow that no surface can be there. Training closes hollows again
     /// otherwise: noise of the gradients builds a film somewhere that no pixel's gradient takes away, since nothing like it
     /// is seen in other views.
     pub fn stays_empty(&self, point: Vec3) -> bool {
-        self.at(point) < 0.0 && self.grid.value(&self.known_empty, point) < -STAYS_EMPTY * self.grid.spacing()
+        self.is_hollow()
+            && self.at(point) < 0.0
+            && self.grid.value(&self.known_empty, point) < -STAYS_EMPTY * self.grid.spacing()
     }
 
     /// The value at a point; large where nothing is carved nearby.
