@@ -1,6 +1,7 @@
 //! The grids of each stage: those of the first from the visual hull, those of the next from what was learned.
 
 use dvr_core::hull::MaskDistance;
+use dvr_core::metrics::depth_maps::StereoDepth;
 use dvr_core::voxel::VoxelGrid;
 use dvr_core::{Cancellation, Cancelled, UnitCube, View};
 
@@ -9,8 +10,8 @@ use crate::color;
 use crate::config::GridConfig;
 use crate::multires::{ColorGrid, Grids, ShapeGrid, prolonged};
 use crate::start::{CARVING_CELLS, SpaceCarving, add_hull_detail, hull_start};
-use crate::stereo::FusedDistance;
-use crate::views::TrainingView;
+use crate::stereo::{FusedDistance, Stereo};
+use crate::views::{TrainingView, mean_object_color};
 
 /// How near to the surface a node learns where not all do, in nodes.
 const BAND_NODES: usize = 3;
@@ -23,6 +24,8 @@ pub(crate) struct Refinement {
     masks: Vec<MaskDistance>,
     carving: Option<SpaceCarving>,
     fused: Option<FusedDistance>,
+    /// What stereo found before training, of each view.
+    pub depths: Vec<StereoDepth>,
     cancellation: Cancellation,
     /// Where colours start.
     pub mean_color: [f32; 3],
@@ -36,14 +39,22 @@ impl Refinement {
     pub fn new(
         masks: Vec<MaskDistance>,
         views: &[&View],
-        mean_color: [f32; 3],
         config: &GridConfig,
         cancellation: &Cancellation,
     ) -> Result<Self, Cancelled> {
-        let start = Self { masks, carving: None, fused: None, cancellation: cancellation.clone(), mean_color };
+        let mean_color = mean_object_color(views).to_array();
+        let start = Self {
+            masks,
+            carving: None,
+            fused: None,
+            depths: Vec::new(),
+            cancellation: cancellation.clone(),
+            mean_color,
+        };
         if config.steps == 0 || !config.losses.has_cross_view() || views.len() < MIN_MATCHED_VIEWS {
             return Ok(start);
         }
+        let names: Vec<&str> = views.iter().map(|view| view.name.as_str()).collect();
         let views = &TrainingView::pack(views, config.neighbours, 1);
         let (mut carving, mut hull_of_carving) = (None, None);
         if config.plane_sweep_pixels > 0 {
@@ -52,16 +63,16 @@ impl Refinement {
             carving = SpaceCarving::by_plane_sweep(views, &grid, &hull, config.plane_sweep_pixels, cancellation)?;
             hull_of_carving = Some(hull);
         }
-        let mut fused = None;
+        let mut stereo = Stereo::default();
         if config.stereo_cells > 1 {
             let grid = padded_cube(config.stereo_cells / 2);
             let hull = match hull_of_carving.filter(|_| grid.cells() == CARVING_CELLS) {
                 Some(hull) => hull,
                 None => start.hull(&grid, config)?.0,
             };
-            fused = FusedDistance::of_stereo(views, &grid, &hull, config.stereo_cells, cancellation)?;
+            stereo = Stereo::of_views(&names, views, &grid, &hull, config.stereo_cells, cancellation)?;
         }
-        Ok(Self { carving, fused, ..start })
+        Ok(Self { carving, fused: stereo.fused, depths: stereo.depths, ..start })
     }
 
     /// Distance to the hull at every node, less what is carved, and the nodes at which the shape may change.

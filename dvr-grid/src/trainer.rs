@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use burn::tensor::Device;
 use dvr_core::hull::MaskDistance;
+use dvr_core::metrics::depth_maps::StereoDepth;
 use dvr_core::{Cancellation, Cancelled, Exposure, View, require_masks};
 use dvr_render::{SlopeRule, ViewMetrics, is_gpu, view_metrics, view_metrics_at_own_exposure};
 use rayon::prelude::*;
@@ -23,7 +24,6 @@ use crate::report::{StepReport, TrainerState};
 use crate::state;
 use crate::step::{CpuBackend, REPORT_EVERY, StepBackend, StepInput};
 use crate::validation_ncc::{NccScores, ValidationNcc};
-use crate::views::mean_object_color;
 use crate::wrong_masks::leave_out_wrong_masks;
 
 /// Pixels of validation views that decide about growth.
@@ -88,12 +88,7 @@ impl<'a> GridTrainer<'a> {
         config.check()?;
         require_masks(train.iter().chain(&validation).copied())?;
         let notes = leave_out_wrong_masks(&mut train, &config)?;
-        let masks: Vec<MaskDistance> = (train.par_iter())
-            .filter_map(|view| view.training_pair())
-            .map(|(camera, mask)| cancellation.check().map(|()| MaskDistance::new(camera, mask)))
-            .collect::<std::result::Result<_, Cancelled>>()?;
-        let mean_color = mean_object_color(&train).to_array();
-        let refinement = Refinement::new(masks, &train, mean_color, &config, cancellation)?;
+        let refinement = Refinement::new(mask_distances(&train, cancellation)?, &train, &config, cancellation)?;
         let grids = refinement.first(&config)?;
         let growth = Growth::plan(&config, &train);
         let names = train.iter().map(|view| view.name.clone()).collect();
@@ -146,6 +141,12 @@ impl<'a> GridTrainer<'a> {
                 Box::new(crate::step::GpuBackend::new(device, &self.photographs.views, &self.config, grids)?);
         }
         Ok(self)
+    }
+
+    /// The depths that stereo found in the views before training, as far as other views confirm them; none where there
+    /// was no stereo.
+    pub fn stereo_depths(&self) -> &[StereoDepth] {
+        &self.refinement.depths
     }
 
     /// The configuration.
@@ -422,6 +423,28 @@ impl<'a> GridTrainer<'a> {
     pub fn notes(&mut self) -> Vec<String> {
         std::mem::take(&mut self.notes)
     }
+}
+
+/// The distances of the masks' outlines.
+fn mask_distances(train: &[&View], cancellation: &Cancellation) -> std::result::Result<Vec<MaskDistance>, Cancelled> {
+    let pairs = train.par_iter().filter_map(|view| view.training_pair());
+    pairs.map(|(camera, mask)| cancellation.check().map(|()| MaskDistance::new(camera, mask))).collect()
+}
+
+/// The depths that stereo finds in these views before training, as far as other views confirm them; none where this
+/// configuration has no stereo.
+///
+/// # Errors
+/// As [`GridTrainer::start`].
+pub fn stereo_depths(
+    mut train: Vec<&View>,
+    config: &GridConfig,
+    cancellation: &Cancellation,
+) -> Result<Vec<StereoDepth>> {
+    require_masks(train.iter().copied())?;
+    leave_out_wrong_masks(&mut train, config)?;
+    let config = GridConfig { plane_sweep_pixels: 0, ..config.clone() };
+    Ok(Refinement::new(mask_distances(&train, cancellation)?, &train, &config, cancellation)?.depths)
 }
 
 #[cfg(test)]

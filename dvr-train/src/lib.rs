@@ -56,7 +56,9 @@ pub use dvr_core::{Supervision, ViewNames, ViewSplit};
 pub use dvr_grid::{Capacity, DisagreeingViews, GridConfig, GridLosses, GridTrainer, Part, PartTimes};
 pub use dvr_render::{ViewMetrics, view_metrics};
 pub use error::{CodesError, Error, Result};
-pub use evaluate::{PointsEvaluation, ShapeEvaluation, ViewEvaluation, evaluate_shape, evaluate_views};
+pub use evaluate::{
+    DepthMapsEvaluation, PointsEvaluation, ShapeEvaluation, ViewEvaluation, evaluate_shape, evaluate_views,
+};
 pub use export::bake::bake_colors;
 pub use export::mesh::{ColorSource, MeshOptions, ObjectMesh, object_mesh, over_budget, world_mesh};
 pub use export::preview;

@@ -36,6 +36,9 @@ pub struct EvalArgs {
     /// Skip rendering the test views
     #[arg(long)]
     pub no_views: bool,
+    /// Match the photographs once more, as the run did before training, and measure the depth maps
+    #[arg(long)]
+    pub depth_maps: bool,
     #[command(flatten)]
     pub points: EvalPointsArgs,
     #[command(flatten)]

@@ -10,12 +10,13 @@ use dvr_core::mesh::{Mesh, read_mesh};
 use dvr_core::{Camera, Cancellation, HOLD_OUT_EVERY, Scene, View};
 use dvr_render::{MeshShader, Shader};
 use dvr_train::{
-    Checkpoint, ColorSource, Error, MeshOptions, Observer, PointsEvaluation, ShapeEvaluation, ViewEvaluation,
-    ViewSplit, evaluate_shape, evaluate_views, method_of, object_mesh, surface_points, world_mesh,
+    Checkpoint, ColorSource, DepthMapsEvaluation, Error, MeshOptions, Observer, PointsEvaluation, ShapeEvaluation,
+    ViewEvaluation, ViewSplit, evaluate_shape, evaluate_views, method_of, object_mesh, surface_points, world_mesh,
 };
 use serde::Serialize;
 
-use super::points_table::{print_points, score_by_points};
+use super::depth_table::print_depth_maps;
+use super::points_table::{print_points, score_by_points, settings, verified_points};
 use super::resumed::refuse_other_reading;
 use super::shape_table::print_shape;
 use super::{SCENE_RESOLUTION, eval_objects, load_model, load_run, mesh_options, print_notes, scene_of_run};
@@ -32,6 +33,8 @@ struct Report {
     views: Vec<ViewEvaluation>,
     /// Against verified points, where these were given or come with the scene; in the units of the files.
     points: Option<PointsEvaluation>,
+    /// The depth maps that the run started from, where they were asked for.
+    depth_maps: Option<DepthMapsEvaluation>,
 }
 
 /// Measures and prints.
@@ -59,6 +62,9 @@ pub fn run(args: &EvalArgs, cancellation: &Cancellation) -> Result<ExitCode> {
     print_shape(&report.shape);
     if let Some(points) = &report.points {
         print_points(points);
+    }
+    if let Some(depth_maps) = &report.depth_maps {
+        print_depth_maps(depth_maps);
     }
     print_views(&report.views);
     if report.shape == ShapeEvaluation::default() && report.views.is_empty() && report.points.is_none() {
@@ -92,17 +98,24 @@ fn refuse_points(args: &EvalArgs) -> Result<()> {
     if args.points.points.is_some() {
         bail!("--points measures a single scene's mesh, and this is a dataset of objects");
     }
+    if args.depth_maps {
+        bail!("--depth-maps measures what a single scene's run started from, and this is a dataset of objects");
+    }
     Ok(())
 }
 
 fn of_mesh(args: &EvalArgs, mesh: &Path, cancellation: &Cancellation) -> Result<Report> {
+    if args.depth_maps {
+        bail!("--depth-maps measures what a run started from, and this is a mesh");
+    }
     let textured = read_mesh(mesh)?;
     let Some(data) = &args.data else {
         let points = score_by_points(&args.points, &textured.mesh, None, false)?;
         if points.is_none() {
             bail!("a mesh is measured against a scene or points: give them with --data or --points");
         }
-        return Ok(Report { scene: None, shape: ShapeEvaluation::default(), views: Vec::new(), points });
+        let shape = ShapeEvaluation::default();
+        return Ok(Report { scene: None, shape, views: Vec::new(), points, depth_maps: None });
     };
     let options = ReadOptions { cancellation: cancellation.clone(), ..args.reading.read_options() };
     let mut scene = read_scene(data, &options)?;
@@ -116,7 +129,7 @@ fn of_mesh(args: &EvalArgs, mesh: &Path, cancellation: &Cancellation) -> Result<
         eprintln!("views as a run with the default settings divides them: {parts}");
         rendered(&MeshShader::textured(&textured), &with_masks(&ViewSplit::of(&scene)?.test)?, cancellation)?
     };
-    Ok(Report { scene: Some(scene.name), shape, views, points })
+    Ok(Report { scene: Some(scene.name), shape, views, points, depth_maps: None })
 }
 
 /// The views, all of which have masks: figures over some of them would pass for those of all.
@@ -159,7 +172,16 @@ fn of_run(args: &EvalArgs, checkpoint: &Checkpoint, cancellation: &Cancellation)
     let trained_on_points = method_of(&checkpoint.header.method)?.needs().sparse_points;
     let in_world = world_mesh(&mesh, &scene.object_to_world);
     let points = score_by_points(&args.points, &in_world, Some(&scene), trained_on_points)?;
-    Ok(Report { scene: Some(scene.name), shape, views, points })
+    let mut depth_maps = None;
+    if args.depth_maps {
+        let maps = method_of(&checkpoint.header.method)?.stereo_depths(&split.train, cancellation)?;
+        let verified = verified_points(&args.points, &scene)?;
+        depth_maps = DepthMapsEvaluation::new(&maps, &scene, verified.as_ref(), &in_world, &settings(&args.points));
+        if depth_maps.is_none() {
+            bail!("this run started from no depth maps: --depth-maps has nothing to measure");
+        }
+    }
+    Ok(Report { scene: Some(scene.name), shape, views, points, depth_maps })
 }
 
 fn cameras_of(scene: &Scene) -> Vec<&Camera> {

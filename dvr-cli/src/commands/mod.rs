@@ -4,6 +4,7 @@ pub mod bench;
 mod benchmark_page;
 mod child;
 mod dataset_of_run;
+mod depth_table;
 pub mod devices;
 pub mod eval;
 mod eval_objects;

@@ -1,9 +1,9 @@
 //! A mesh against verified points: measured, and printed for people.
 
 use anyhow::Result;
-use dvr_core::Scene;
 use dvr_core::mesh::Mesh;
 use dvr_core::metrics::points::{DistanceSummary, HiddenPoints, PointsFloor, PointsSettings, Witnesses};
+use dvr_core::{Scene, VerifiedPoints};
 use dvr_train::PointsEvaluation;
 
 use crate::args::EvalPointsArgs;
@@ -16,7 +16,7 @@ pub fn score_by_points(
     scene: Option<&Scene>,
     trained_on_points: bool,
 ) -> Result<Option<PointsEvaluation>> {
-    let settings = PointsSettings { thresholds: args.thresholds.clone(), margin: args.margin };
+    let settings = settings(args);
     if mesh.is_empty() {
         return Ok(None);
     }
@@ -25,6 +25,19 @@ pub fn score_by_points(
         (None, Some(scene)) => PointsEvaluation::of_scene(mesh, scene, trained_on_points, &settings)?,
         (None, None) => None,
     })
+}
+
+/// The points that the arguments name, else those that come with the scene.
+pub fn verified_points(args: &EvalPointsArgs, scene: &Scene) -> Result<Option<VerifiedPoints>> {
+    Ok(match &args.points {
+        Some(file) => Some(VerifiedPoints::read(file)?),
+        None => VerifiedPoints::of_scene(scene),
+    })
+}
+
+/// How points measure, as the arguments say.
+pub fn settings(args: &EvalPointsArgs) -> PointsSettings {
+    PointsSettings { thresholds: args.thresholds.clone(), margin: args.margin }
 }
 
 /// Prints what a mesh scores.
@@ -92,7 +105,7 @@ fn print_hidden(hidden: &HiddenPoints) {
     }
 }
 
-fn percent(share: f64) -> String {
+pub fn percent(share: f64) -> String {
     format!("{:.1} %", 100.0 * share)
 }
 

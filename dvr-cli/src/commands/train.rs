@@ -11,6 +11,7 @@ use dvr_train::{
     Checkpoint, Error, Method, Observer, RunFolder, RunMetrics, RunOptions, Stop, ViewMetrics, finish, train,
 };
 
+use super::depth_table::in_short;
 use super::method_of_args::method_of_args;
 use super::points_table::print_points;
 use super::resumed::resumed_method;
@@ -166,6 +167,9 @@ fn report(metrics: &RunMetrics, folder: &RunFolder, cpu_seconds: f64) {
     print_shape(&metrics.shape);
     if let Some(points) = &metrics.points {
         print_points(points);
+    }
+    if let Some(depth_maps) = &metrics.depth_maps {
+        println!("{}", in_short(depth_maps));
     }
     if let Some([vertices, faces]) = metrics.mesh {
         println!("mesh: {vertices} vertices, {faces} faces");

@@ -1,8 +1,10 @@
 //! How good a result is: [`shape`] against the true surface and volume, [`seen`] where views
 //! see it, [`points`] against points that are known to lie
-//! on it, [`picture`] against photographs; and [`Simplification`], a simple mesh against the full one.
+//! on it, [`depth_maps`] of stereo against both, [`picture`] against photographs; and [`Simplification`], a simple mesh
+//! against the full one.
 
 pub mod alignment;
+pub mod depth_maps;
 mod overlap;
 pub mod picture;
 pub mod points;

@@ -95,7 +95,7 @@ fn is_seen(bvh: &Bvh, point: Vec3, normal: Vec3, lift: f64, cameras: &[&Camera])
 
 /// A square across the normal of each point, as large as the gaps between points ask for, and the points' mean
 /// distance to the next.
-fn discs(cloud: &PointCloud) -> Option<(Mesh, f64)> {
+pub(super) fn discs(cloud: &PointCloud) -> Option<(Mesh, f64)> {
     let normals = cloud.normals.as_ref()?;
     let spacing = spacing(&cloud.points)?;
     // The square has the area of the disc.

@@ -1,5 +1,10 @@
 //! The depths of a view.
 
+use dvr_core::DepthMap as ZDepths;
+use dvr_core::metrics::depth_maps::StereoDepth;
+
+use super::picture::Picture;
+
 /// A depth for every pixel of a view's picture.
 #[derive(Clone, Debug)]
 pub(super) struct DepthMap {
@@ -15,6 +20,22 @@ impl DepthMap {
     /// Nothing known of this many pixels.
     pub fn unknown(pixels: usize) -> Self {
         Self { z_depth: vec![f32::NAN; pixels], confidence: vec![0.0; pixels], hull: vec![f32::NAN; pixels] }
+    }
+
+    /// As it is measured and kept: of the view of this name, matched with these others.
+    pub fn of_view(&self, name: &str, picture: &Picture, neighbours: &[usize]) -> StereoDepth {
+        StereoDepth {
+            name: name.to_owned(),
+            camera: picture.camera,
+            depth: ZDepths {
+                width: picture.width as u32,
+                height: picture.height as u32,
+                z_depth: self.z_depth.clone(),
+            },
+            object_pixels: (0..picture.grey.len()).filter(|&pixel| picture.is_object(pixel)).count(),
+            shrunk_by: picture.factor,
+            neighbours: neighbours.to_vec(),
+        }
     }
 
     /// Believes in the hull where a depth lies behind it by no more than depths are wrong by, `doubt`: in the hull alone

@@ -19,3 +19,4 @@ mod sweep;
 mod view_selection;
 
 pub(crate) use fusion::FusedDistance;
+pub(crate) use start::Stereo;

@@ -10,6 +10,8 @@ pub(super) struct Picture {
     pub camera: Pinhole,
     pub width: usize,
     pub height: usize,
+    /// Pixels of the photograph along the side of one of these.
+    pub factor: usize,
     /// `NaN` off the object.
     pub grey: Vec<f32>,
 }
@@ -26,7 +28,7 @@ impl Picture {
             if 2 * count >= factor * factor { sum / count as f32 } else { f32::NAN }
         };
         let grey = (0..width * height).map(|i| mean(i % width, i / width)).collect();
-        Self { camera: view.camera.shrunk(factor), width, height, grey }
+        Self { camera: view.camera.shrunk(factor), width, height, factor, grey }
     }
 
     /// Whether a pixel shows the object.

@@ -1,5 +1,6 @@
 //! From views to a fused distance.
 
+use dvr_core::metrics::depth_maps::StereoDepth;
 use dvr_core::voxel::VoxelGrid;
 use dvr_core::{Cancellation, Cancelled};
 use rayon::prelude::*;
@@ -21,19 +22,29 @@ const PIXEL: f32 = 0.5;
 const DOUBT_CELLS: f32 = 2.5;
 const DOUBT_PIXELS: f32 = 3.0;
 
-impl FusedDistance {
-    /// Matches views through the hull, whose distance at the nodes of `grid` is `hull`, positive inside, and fuses the
-    /// depths on `cells` cells along an edge. `None` where nothing matches.
+/// What stereo says of the surface before training.
+#[derive(Default)]
+pub(crate) struct Stereo {
+    /// The depths that other views confirm, of each view.
+    pub depths: Vec<StereoDepth>,
+    /// All of them as one distance; `None` where nothing matches.
+    pub fused: Option<FusedDistance>,
+}
+
+impl Stereo {
+    /// Matches views of these names through the hull, whose distance at the nodes of `grid` is `hull`, positive inside,
+    /// and fuses the depths on `cells` cells along an edge.
     ///
     /// # Errors
     /// [`Cancelled`] where somebody wants it to end.
-    pub fn of_stereo(
+    pub fn of_views(
+        names: &[&str],
         views: &[TrainingView],
         grid: &VoxelGrid,
         hull: &[f32],
         cells: usize,
         cancellation: &Cancellation,
-    ) -> Result<Option<Self>, Cancelled> {
+    ) -> Result<Self, Cancelled> {
         let fine = VoxelGrid::new(cells + 1, grid.half_extent());
         let hull = Hull { bitmask: OccupancyBitmask::new(grid, hull), values: hull };
         let pictures: Vec<Picture> = views.par_iter().map(|view| Picture::new(view, PIXEL * fine.spacing())).collect();
@@ -44,11 +55,13 @@ impl FusedDistance {
         };
         let maps = (0..views.len()).into_par_iter().map(sweep).collect::<Result<Vec<DepthMap>, Cancelled>>()?;
         let mut maps = consistent(&pictures, &neighbours, &maps);
+        let of_view = |view: usize| maps[view].of_view(names[view], &pictures[view], &neighbours[view]);
+        let depths = (0..views.len()).map(of_view).collect();
         for (map, picture) in maps.iter_mut().zip(&pictures) {
             map.trust_hull((DOUBT_CELLS * fine.spacing()).max(DOUBT_PIXELS * picture.camera.footprint()));
         }
         cancellation.check()?;
-        Ok(Self::new(&pictures, &maps, &fine))
+        Ok(Self { depths, fused: FusedDistance::new(&pictures, &maps, &fine) })
     }
 }
 
@@ -73,6 +86,7 @@ mod tests {
         let scene = write_scene(&case, "bowl", 0, folder.path()).unwrap();
         let scene = read_scene(&scene, &ReadOptions::default()).unwrap();
         let views: Vec<_> = scene.views.iter().collect();
+        let names: Vec<&str> = views.iter().map(|view| view.name.as_str()).collect();
         let masks: Vec<MaskDistance> = (views.iter().filter_map(|view| view.training_pair()))
             .map(|(camera, mask)| MaskDistance::new(camera, mask))
             .collect();
@@ -80,7 +94,7 @@ mod tests {
         let distance = |point| hull_distance(&masks, point, 0.1, 4);
         let hull: Vec<f32> = (0..grid.len()).map(|node| distance(grid.position(node))).collect();
         let views = TrainingView::pack(&views, 6, 1);
-        let fused = FusedDistance::of_stereo(&views, &grid, &hull, 64, &Cancellation::default()).unwrap();
+        let fused = Stereo::of_views(&names, &views, &grid, &hull, 64, &Cancellation::default()).unwrap().fused;
         // The bowl's axis is y, turned like this; its rim is at .18, its floor between -.18 and -.1.
         let turn = Quat::from_euler(EulerRot::XYZ, 0.5, 0.3, 0.2);
         [0.06, -0.15].map(|height| {

@@ -1,6 +1,6 @@
 //! The main figures of a run, as tiles and tables show them.
 
-use dvr_train::{ObjectsMetrics, PointsEvaluation, RunMetrics};
+use dvr_train::{DepthMapsEvaluation, ObjectsMetrics, PointsEvaluation, RunMetrics};
 
 use crate::coverage::Coverage;
 use crate::html::{bytes, count, number, seconds};
@@ -57,6 +57,25 @@ fn quality(list: &mut List, metrics: &RunMetrics) {
     }
     if let Some(points) = &metrics.points {
         of_points(list, points);
+    }
+    if let Some(depth_maps) = &metrics.depth_maps {
+        of_depth_maps(list, depth_maps);
+    }
+}
+
+/// What the run started from, besides the masks.
+fn of_depth_maps(list: &mut List, DepthMapsEvaluation { known, surface, points, .. }: &DepthMapsEvaluation) {
+    let explanation = "share of the object's pixels whose depth other views confirmed before training";
+    list.add("Depth maps", format!("{:.1} %", 100.0 * known), explanation);
+    let unit_and_truth = [
+        (surface, "edges of the object cube, and in pixels of disparity, against the true surface"),
+        (points, "units of the scene, and in pixels of disparity, against verified points"),
+    ];
+    for (score, truth) in unit_and_truth {
+        let Some(score) = score else { continue };
+        let [length, pixels] = [&score.distance, &score.disparity_px].map(|summary| summary.median);
+        let explanation = format!("median of how far these depths are off along their rays, in {truth}");
+        list.add("their error", format!("{} / {pixels:.2} px", number(length, 3)), &explanation);
     }
 }
 

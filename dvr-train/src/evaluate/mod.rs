@@ -1,7 +1,9 @@
 //! The final figures: shape against the truth, pictures against views that were not trained on.
 
+mod depth_maps;
 mod points;
 
+pub use depth_maps::DepthMapsEvaluation;
 pub use points::PointsEvaluation;
 
 use dvr_core::inside::points_inside;

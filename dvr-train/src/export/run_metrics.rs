@@ -6,7 +6,7 @@ use dvr_render::ViewMetrics;
 use dvr_texture::TextureReport;
 use serde::{Deserialize, Serialize};
 
-use crate::evaluate::{PointsEvaluation, ShapeEvaluation};
+use crate::evaluate::{DepthMapsEvaluation, PointsEvaluation, ShapeEvaluation};
 use crate::resources::Resources;
 
 /// The figures of a finished run: `metrics.json`.
@@ -44,6 +44,9 @@ pub struct RunMetrics {
     /// The mesh against the points that come with the scene, where it brings any; in the units of its files.
     #[serde(default)]
     pub points: Option<PointsEvaluation>,
+    /// The depth maps that the run started from; `None` where there were none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub depth_maps: Option<DepthMapsEvaluation>,
     /// Which views were trained on, which chose during the run (growth, best step), and which are tested on.
     pub views: ViewNames,
     /// Renders of the field against test views, on an even subset of their pixels: nothing was chosen by these.

@@ -4,12 +4,12 @@ use std::time::Instant;
 
 use dvr_core::mesh::{Look, Mesh, TexturedMesh, write_mesh, write_textured_mesh};
 use dvr_core::metrics::points::PointsSettings;
-use dvr_core::{Camera, Cancellation, Exposure, Scene, View, ViewSplit};
+use dvr_core::{Camera, Cancellation, Exposure, Scene, VerifiedPoints, View, ViewSplit};
 use dvr_render::{MeshShader, Shader, view_metrics};
 use image::RgbImage;
 
 use crate::error::{Error, Result};
-use crate::evaluate::{PointsEvaluation, evaluate_shape};
+use crate::evaluate::{DepthMapsEvaluation, PointsEvaluation, evaluate_shape};
 use crate::export::mesh::{MeshOptions, ObjectMesh, object_mesh, world_mesh};
 use crate::export::preview::preview_sheet;
 use crate::export::run_metrics::RunMetrics;
@@ -100,6 +100,13 @@ impl RunResults {
             Some(mesh) => PointsEvaluation::of_scene(mesh, scene, trained_on_points, &PointsSettings::default())?,
             None => None,
         };
+        let depth_maps = DepthMapsEvaluation::new(
+            &outcome.stereo_depths,
+            scene,
+            VerifiedPoints::of_scene(scene).as_ref(),
+            in_world.as_ref().unwrap_or(&empty),
+            &PointsSettings::default(),
+        );
         laps.done("shape against the truth")?;
         let metrics = RunMetrics {
             scene: scene.name.clone(),
@@ -116,6 +123,7 @@ impl RunResults {
             texture: textured.as_ref().map(|textured| textured.report),
             shape,
             points,
+            depth_maps,
             views: outcome.header.views.clone().unwrap_or_default(),
             test,
             test_mesh,

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use dvr_core::Exposure;
+use dvr_core::metrics::depth_maps::StereoDepth;
 use dvr_grid::{GridTrainer, TrainerState, grid_file};
 use dvr_render::ViewMetrics;
 
@@ -44,6 +45,10 @@ impl Learner for GridTrainer<'_> {
 
     fn exposures(&self) -> BTreeMap<String, Exposure> {
         self.exposures()
+    }
+
+    fn stereo_depths(&self) -> Vec<StereoDepth> {
+        self.stereo_depths().to_vec()
     }
 
     fn notes(&mut self) -> Vec<String> {

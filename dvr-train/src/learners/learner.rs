@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use dvr_core::Exposure;
+use dvr_core::metrics::depth_maps::StereoDepth;
 use dvr_render::ViewMetrics;
 
 use crate::error::Result;
@@ -55,6 +56,11 @@ pub trait Learner {
     /// The exposures that it corrects photographs by, with their names: none where it takes all as they are.
     fn exposures(&self) -> BTreeMap<String, Exposure> {
         BTreeMap::new()
+    }
+
+    /// The depths that it found in the views before training, where it looked for some.
+    fn stereo_depths(&self) -> Vec<StereoDepth> {
+        Vec::new()
     }
 
     /// What it has to say for people since it was last asked.

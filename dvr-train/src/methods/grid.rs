@@ -1,7 +1,8 @@
 //! A field on a multi-resolution voxel grid: seconds a scene.
 
 use burn::tensor::Device;
-use dvr_core::{Supervision, View};
+use dvr_core::metrics::depth_maps::StereoDepth;
+use dvr_core::{Cancellation, Supervision, View};
 #[cfg(feature = "gpu")]
 use dvr_grid::GpuGridField;
 use dvr_grid::{GridConfig, GridTrainer, grid_file};
@@ -97,6 +98,10 @@ impl Method for GridMethod {
         }
         let _ = device;
         Ok(Box::new(GridModel(field)))
+    }
+
+    fn stereo_depths(&self, train: &[&View], cancellation: &Cancellation) -> Result<Vec<StereoDepth>> {
+        Ok(dvr_grid::stereo_depths(train.to_vec(), &self.config, cancellation)?)
     }
 
     fn host_memory(&self, train: &[&View]) -> u64 {

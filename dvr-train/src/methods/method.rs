@@ -4,6 +4,7 @@ use std::fmt::Debug;
 use std::ops::RangeInclusive;
 
 use burn::tensor::Device;
+use dvr_core::metrics::depth_maps::StereoDepth;
 use dvr_core::{Cancellation, Scene, SparsePoints, Supervision, View};
 use dvr_grid::GridConfig;
 use serde_json::Value;
@@ -63,6 +64,15 @@ pub trait Method: Debug + Send + Sync {
     /// # Errors
     /// When the bytes are damaged or do not fit the configuration.
     fn load(&self, model: &[u8], device: &Device) -> Result<Box<dyn TrainedModel>>;
+
+    /// The depths that its runs find in these views before training ([`Learner::stereo_depths`]), found again.
+    ///
+    /// # Errors
+    /// When it cannot learn from these views.
+    fn stereo_depths(&self, train: &[&View], cancellation: &Cancellation) -> Result<Vec<StereoDepth>> {
+        let _ = (train, cancellation);
+        Ok(Vec::new())
+    }
 
     /// What computes it.
     fn hardware(&self) -> Hardware {

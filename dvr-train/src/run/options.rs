@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use burn::tensor::Device;
+use dvr_core::metrics::depth_maps::StereoDepth;
 use dvr_core::{Cancellation, ViewNames};
 use dvr_render::ViewMetrics;
 
@@ -84,6 +85,8 @@ pub struct RunOutcome {
     pub measuring_seconds: [f64; 2],
     /// The last validation.
     pub validation: Option<ViewMetrics>,
+    /// The depths that the method found in the training views before training, where it looked for some.
+    pub stereo_depths: Vec<StereoDepth>,
 }
 
 impl RunOutcome {

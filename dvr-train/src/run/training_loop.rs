@@ -210,6 +210,7 @@ impl<'r> TrainingLoop<'r> {
             _ => (self.header_now(learner, seconds), learner.model()?),
         };
         let measuring_seconds = self.measuring();
-        Ok(RunOutcome { header, model, stop, steps, seconds, measuring_seconds, validation: self.validation })
+        let (validation, stereo_depths) = (self.validation, learner.stereo_depths());
+        Ok(RunOutcome { header, model, stop, steps, seconds, measuring_seconds, validation, stereo_depths })
     }
 }

@@ -52,7 +52,7 @@ impl DistanceSummary {
 }
 
 /// A quantile of ascending values, interpolated linearly between the two next to it, as numpy does; 0 of none.
-pub(super) fn quantile(ascending: &[f64], share: f64) -> f64 {
+pub(in crate::metrics) fn quantile(ascending: &[f64], share: f64) -> f64 {
     let Some(last) = ascending.len().checked_sub(1) else { return 0.0 };
     let place = share * last as f64;
     let low = place.floor() as usize;

@@ -7,6 +7,7 @@ mod hidden;
 mod score;
 mod triangulation;
 
+pub(super) use distance::quantile;
 pub use distance::{DistanceSummary, ShareBelow};
 pub use floor::PointsFloor;
 pub use hidden::{HiddenPoints, Witnesses};

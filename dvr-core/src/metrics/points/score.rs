@@ -37,6 +37,17 @@ pub struct PointsSettings {
     pub margin: Option<f64>,
 }
 
+impl PointsSettings {
+    /// Thresholds and margin, by the extent of these points where nobody asked for others; `None` for a margin where
+    /// they have no extent.
+    pub(in crate::metrics) fn for_points(&self, points: &[DVec3]) -> (Vec<f64>, Option<f64>) {
+        let extent = extent(points);
+        let by_extent = || round_numbers(FIRST_THRESHOLD * extent, THRESHOLDS);
+        let thresholds = if self.thresholds.is_empty() { by_extent() } else { self.thresholds.clone() };
+        (thresholds, self.margin.or_else(|| round_numbers(MARGIN * extent, 1).first().copied()))
+    }
+}
+
 /// A mesh against verified points. Lengths are in the units of the files.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PointsScore {
@@ -76,13 +87,10 @@ pub fn score_points(
     let distance = |point: &DVec3| bvh.nearest(*point).map(|nearest| nearest.distance);
     let distances: Option<Vec<f64>> = verified.points.par_iter().map(distance).collect();
     let distances = distances.ok_or_else(|| surface("true", "has points that are not finite"))?;
-    let extent = extent(&verified.points);
-    let by_extent = || round_numbers(FIRST_THRESHOLD * extent, THRESHOLDS);
-    let thresholds = if settings.thresholds.is_empty() { by_extent() } else { settings.thresholds.clone() };
-    let margin = settings.margin.or_else(|| round_numbers(MARGIN * extent, 1).first().copied());
+    let (thresholds, margin) = settings.for_points(&verified.points);
     Ok(PointsScore {
         points: verified.points.len(),
-        extent,
+        extent: extent(&verified.points),
         distances: DistanceSummary::new(distances, &thresholds),
         hidden: margin.and_then(|margin| hidden_points(mesh, &bvh, verified, cameras, margin)),
         floor: verified.tracks.as_ref().and_then(|tracks| points_floor(tracks, FLOOR_SEED)),
