@@ -28,7 +28,7 @@ pub fn in_short(evaluation: &DepthMapsEvaluation) -> String {
             let [median, pixels] = [&score.distance, &score.disparity_px].map(|summary| summary.median);
             format!("; off by {} ({pixels:.2} pixels) in the median, against {truth}", significant(median))
         };
-        score.as_ref().map_or(String::new(), of_score)
+        score.as_ref().filter(|score| score.known > 0.0).map_or(String::new(), of_score)
     };
     format!(
         "depth maps before training: {} of the object's pixels have a depth{}{}",
@@ -40,6 +40,9 @@ pub fn in_short(evaluation: &DepthMapsEvaluation) -> String {
 
 fn print_score(truth: &str, score: &DepthScore) {
     println!("  against {truth}, {} lines of sight, {} with a depth", score.sights, percent(score.known));
+    if score.known == 0.0 {
+        return;
+    }
     println!("  {:<22}{:>9}{:>9}", "off along the ray", "result", "pixels");
     let row = |name: &str, of: fn(&DistanceSummary) -> f64| {
         println!("  {name:<22}{:>9}{:>9.2}", significant(of(&score.distance)), of(&score.disparity_px));

@@ -228,7 +228,7 @@ mod tests {
 
     #[test]
     fn depths_of_a_ball_are_off_by_what_was_added_to_them_and_half_of_them_are_missing() {
-        let truth = PointCloud::from(sample_surface(&shapes::icosphere(6, RADIUS as f32), 100_000, 1));
+        let truth = PointCloud::from(sample_surface(&shapes::icosphere(6, RADIUS as f32), 40_000, 1));
         let exact = DepthScore::by_surface(&maps(1.0), &truth).unwrap();
         assert!((exact.known - 0.5).abs() < 0.02, "{}", exact.known);
         // The discs stand off a ball, and out at its outline.
@@ -269,7 +269,7 @@ mod tests {
         // Two views see two fifths of the ball each.
         assert!((1300..2000).contains(&score.sights) && (score.known - 0.5).abs() < 0.05, "{score:?}");
         assert!((0.16..0.19).contains(&score.distance.median), "{}", score.distance.median);
-        assert_eq!(score.distance.below[0].share, 0.0);
+        assert!(score.distance.below[0].share < 0.1, "{:?}", score.distance.below);
         assert!(score.distance.below[1].share > 0.99, "{:?}", score.distance.below);
     }
 }

@@ -72,7 +72,7 @@ fn of_depth_maps(list: &mut List, DepthMapsEvaluation { known, surface, points, 
         (points, "units of the scene, and in pixels of disparity, against verified points"),
     ];
     for (score, truth) in unit_and_truth {
-        let Some(score) = score else { continue };
+        let Some(score) = score.as_ref().filter(|score| score.known > 0.0) else { continue };
         let [length, pixels] = [&score.distance, &score.disparity_px].map(|summary| summary.median);
         let explanation = format!("median of how far these depths are off along their rays, in {truth}");
         list.add("their error", format!("{} / {pixels:.2} px", number(length, 3)), &explanation);

@@ -40,7 +40,8 @@ impl DistanceSummary {
             share: distances.partition_point(|&distance| distance < threshold) as f64 / count,
         });
         Self {
-            mean: distances.iter().sum::<f64>() / count,
+            // The sum of nothing is -0.
+            mean: (0.0 + distances.iter().sum::<f64>()) / count,
             median: quantile(&distances, 0.5),
             quantile_90: quantile(&distances, 0.9),
             quantile_95: quantile(&distances, 0.95),
