@@ -1,7 +1,7 @@
 //! Depth maps that stereo estimated, against what is known of the surface: how far off they are before anything is made
 //! of them.
 
-use glam::{DVec2, DVec3, Vec2};
+use glam::{DVec3, Vec2};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -107,7 +107,7 @@ impl StereoDepth {
     /// Whether a point in object space is ahead and in the frame.
     fn shows(&self, point: DVec3) -> bool {
         let (place, z) = self.camera.project(point.as_vec3());
-        let size = DVec2::new(f64::from(self.depth.width), f64::from(self.depth.height)).as_vec2();
+        let size = Vec2::new(self.depth.width as f32, self.depth.height as f32);
         z > 0.0 && place.cmpge(Vec2::ZERO).all() && place.cmplt(size).all()
     }
 }

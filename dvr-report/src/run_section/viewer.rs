@@ -49,8 +49,8 @@ pub(super) fn viewer(summary: &RunSummary, place: usize) -> String {
          observed</span></div></div>\
          <p class=\"hint about\" hidden>Confidence: cosine of the best viewing angle, times 1/2 for one view, 3/4 for \
          two and so on. It tells how well photographs see a place, not that the shape there is right.</p>\
-         <p class=\"hint\">Drag to turn, scroll or pinch to zoom, right button or two fingers to move. <span class=\"whole\">{} \
-         vertices, {} faces. {}</span></p>\
+         <p class=\"hint\">Drag to turn, scroll or pinch to zoom, right button or two fingers to move. \
+         <span class=\"whole\">{} vertices, {} faces. {}</span></p>\
          <script type=\"application/json\" id=\"mesh-{place}-facts\">{}</script>\
          <script type=\"text/plain\" id=\"mesh-{place}\">{}</script>{texture}</div>",
         count(mesh.vertices),
