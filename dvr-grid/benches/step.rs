@@ -1,6 +1,6 @@
 //! Where the time of a step of the grid method goes: `cargo bench -p dvr-grid --bench step [-- SCENE...]`.
 //!
-//! Prints a table for grids of 64, 128 and 256 cells: milliseconds per step of each part, and beside what streams
+//! Prints a table for grids of 64 to 512 cells: milliseconds per step of each part, and beside what streams
 //! through memory the number of passes over the grid (each node read and written once) that would take as long at
 //! the bandwidth measured here.
 
@@ -28,7 +28,7 @@ fn main() {
     println!("|---|---|---|---|---|---|---|---|---|");
     for path in &scenes {
         let scene = read_scene(path, &ReadOptions::default()).expect("the scene is readable");
-        [64, 128, 256].into_iter().for_each(|cells| profile(&scene, cells, bandwidth));
+        [64, 128, 256, 512].into_iter().for_each(|cells| profile(&scene, cells, bandwidth));
     }
 }
 

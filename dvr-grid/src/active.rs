@@ -1,7 +1,5 @@
 //! The nodes of a grid that carry parameters.
 
-use rayon::prelude::*;
-
 use dvr_core::voxel::VoxelGrid;
 
 /// A set of nodes, as runs along x: what is trained, and all that training has to touch.
@@ -43,6 +41,12 @@ impl ActiveNodes {
         Self { grid: *grid, runs, layers, before }
     }
 
+    /// None of the nodes.
+    pub(crate) fn none(grid: &VoxelGrid) -> Self {
+        let layers = vec![0; grid.nodes() + 1];
+        Self { grid: *grid, runs: Vec::new(), before: layers.clone(), layers }
+    }
+
     /// The nodes of either set.
     ///
     /// # Panics
@@ -54,34 +58,20 @@ impl ActiveNodes {
         Self::new(&a.grid, |node| active[node])
     }
 
-    /// The nodes that are at most `reach` nodes away, along each axis, from one with a neighbour of another sign; none
-    /// of the grid's border.
-    ///
-    /// # Panics
-    /// When there are not as many values as nodes.
-    pub fn near_surface(grid: &VoxelGrid, values: &[f32], reach: usize) -> Self {
-        let nodes = grid.nodes();
-        assert_eq!(values.len(), grid.len(), "a value per node");
-        let strides = [1, nodes, nodes * nodes];
-        let changes = |node: usize| {
-            let inside = values[node] >= 0.0;
-            // Counting each pair of neighbours at its lower node loses a node of reach on the upper side, given back
-            // below.
-            grid.coordinates(node)
-                .into_iter()
-                .zip(strides)
-                .any(|(at, stride)| at + 1 < nodes && (values[node + stride] >= 0.0) != inside)
-        };
-        let mut near: Vec<bool> = (0..values.len()).into_par_iter().map(changes).collect();
-        for stride in strides {
-            let before = near.clone();
-            near.par_iter_mut().enumerate().for_each(|(node, near)| {
-                let at = node / stride % nodes;
-                let (first, last) = (at.saturating_sub(reach + 1), (at + reach).min(nodes - 1));
-                *near = (first..=last).any(|other| before[node + other * stride - at * stride]);
-            });
+    /// The nodes of runs along x, first node and length of each, in rising order; no run crosses a row.
+    pub(crate) fn of_runs(grid: &VoxelGrid, runs: impl Iterator<Item = (u32, u32)>) -> Self {
+        let runs: Vec<(u32, u32)> = runs.collect();
+        let plane = grid.nodes().pow(2);
+        let (mut layers, mut before, mut count, mut next) = (Vec::new(), Vec::new(), 0, 0);
+        for z in 0..=grid.nodes() {
+            while runs.get(next).is_some_and(|&(start, _)| (start as usize) < z * plane) {
+                count += runs[next].1 as usize;
+                next += 1;
+            }
+            layers.push(next);
+            before.push(count);
         }
-        Self::new(grid, |node| near[node] && grid.coordinates(node).iter().all(|&c| c > 0 && c + 1 < nodes))
+        Self { grid: *grid, runs, layers, before }
     }
 
     /// The grid.
@@ -92,18 +82,6 @@ impl ActiveNodes {
     /// How many nodes there are in the set.
     pub fn count(&self) -> usize {
         self.before[self.grid.nodes()]
-    }
-
-    /// Cuts what is stored for the nodes of the set alone, `channels` numbers each in their order, into layers of
-    /// constant z.
-    ///
-    /// # Panics
-    /// When there are not this many numbers.
-    pub fn split_layers<'a>(&self, channels: usize, stored: &'a mut [f32]) -> Vec<&'a mut [f32]> {
-        assert_eq!(stored.len(), channels * self.count(), "{channels} numbers per node of the set");
-        let mut rest = stored;
-        let counts = self.before.windows(2).map(|pair| channels * (pair[1] - pair[0]));
-        counts.map(|count| rest.split_off_mut(..count).unwrap_or_default()).collect()
     }
 
     /// What is stored for the nodes of a set, for the nodes of another: zero where the first has none.
@@ -166,45 +144,19 @@ mod tests {
     }
 
     #[test]
-    fn nodes_near_the_surface_are_those_within_reach_of_a_change_of_sign() {
-        let grid = VoxelGrid::new(33, 0.5);
-        let values: Vec<f32> = (0..grid.len()).map(|i| 0.3 - grid.position(i).length()).collect();
-        for reach in [1, 3] {
-            let near = ActiveNodes::near_surface(&grid, &values, reach);
-            let mut member = vec![false; grid.len()];
-            near.iter().for_each(|node| member[node] = true);
-            for (node, value) in values.iter().enumerate() {
-                let distance = value.abs() / grid.spacing();
-                assert!(member[node] || distance >= reach as f32, "{node} is {distance} cells away");
-                assert!(
-                    !member[node] || distance < 3f32.sqrt() * (reach + 2) as f32,
-                    "{node} is {distance} cells away"
-                );
-            }
-        }
-        // The border stays out.
-        let half: Vec<f32> = (0..grid.len()).map(|i| grid.position(i).x - 0.01).collect();
-        let near = ActiveNodes::near_surface(&grid, &half, 2);
-        assert!(near.count() > 31 * 31 && near.iter().all(|n| grid.coordinates(n).iter().all(|&c| c > 0 && c < 32)));
-    }
-
-    #[test]
-    fn numbers_are_carried_from_set_to_set_and_cut_into_layers() {
+    fn numbers_are_carried_from_set_to_set() {
         let grid = VoxelGrid::new(5, 0.5);
         let (some, others) = (
             ActiveNodes::new(&grid, |node| node % 3 == 0 && node < 100),
             ActiveNodes::new(&grid, |node| node % 2 == 0),
         );
-        let mut stored: Vec<f32> = some.iter().flat_map(|node| [node as f32, -(node as f32)]).collect();
+        let stored: Vec<f32> = some.iter().flat_map(|node| [node as f32, -(node as f32)]).collect();
         let expected: Vec<f32> = others
             .iter()
             .map(|node| if node % 3 == 0 && node < 100 { node as f32 } else { 0.0 })
             .flat_map(|value| [value, -value])
             .collect();
         assert_eq!(some.carried(2, &stored, &others), expected);
-        let layers = some.split_layers(2, &mut stored);
-        assert_eq!(layers.len(), 5);
-        assert!((0..5).all(|z| layers[z].iter().all(|value| value.abs() as usize / 25 == z)));
     }
 
     #[test]

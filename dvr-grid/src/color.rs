@@ -5,8 +5,10 @@
 //! depends on the direction, a node would hold coefficients (of spherical harmonics, say), and the functions of this
 //! file would weigh them.
 
-use dvr_core::voxel::{Cell, VoxelGrid};
+use dvr_core::voxel::Cell;
 use glam::Vec3;
+
+use crate::bricks::BrickValues;
 
 /// Numbers per node.
 pub(crate) const CHANNELS: usize = 3;
@@ -35,11 +37,12 @@ pub(crate) fn channel_gradient(grad_color: Vec3, _viewing: Option<Vec3>) -> [f32
 }
 
 /// Colour in a cell, and its derivative along `step` in space, seen along `viewing`.
-pub(crate) fn sample(grid: &VoxelGrid, values: &[f32], cell: &Cell, step: Vec3, viewing: Option<Vec3>) -> ColorSample {
+pub(crate) fn sample(values: &BrickValues<CHANNELS>, cell: &Cell, step: Vec3, viewing: Option<Vec3>) -> ColorSample {
+    let grid = values.grid();
     let slopes = cell.gradient_weights(step / grid.spacing());
     let (mut value, mut derivative) = ([0.0; CHANNELS], [0.0; CHANNELS]);
-    for ((weight, slope), offset) in cell.weights().into_iter().zip(slopes).zip(grid.corner_offsets()) {
-        let node = &values[CHANNELS * (cell.node + offset)..][..CHANNELS];
+    let corners = values.corners(grid.coordinates(cell.node));
+    for ((weight, slope), node) in cell.weights().into_iter().zip(slopes).zip(&corners) {
         for (c, number) in node.iter().enumerate() {
             value[c] += weight * number;
             derivative[c] += slope * number;

@@ -9,10 +9,10 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
+use crate::bricks::BrickOccupancy;
 use crate::config::GridConfig;
 use crate::losses::GridLosses;
 use crate::multires::Grids;
-use crate::occupancy::OccupancyBitmask;
 use crate::pixel_order::PixelOrder;
 use crate::step::draw::{DrawnRay, compared, draw};
 use crate::surface::Surface;
@@ -57,8 +57,8 @@ pub(crate) fn color_trust(
     config: &GridConfig,
     rays_drawn: u64,
 ) -> f64 {
-    let bitmask = OccupancyBitmask::new(grids.shape.grid(), grids.shape.values());
-    let surface = Surface::of(grids, &bitmask);
+    let occupancy = BrickOccupancy::new(grids.shape.values());
+    let surface = Surface::of(grids.shape.values(), &occupancy);
     let ask = |count: u64| {
         let DrawnRay { view, pixel, seed } = draw(order, config.seed, rays_drawn + count);
         let own = &views[view as usize];

@@ -41,6 +41,7 @@
 #![warn(missing_docs)]
 
 mod active;
+mod bricks;
 mod clock;
 mod color;
 mod color_trust;

@@ -10,14 +10,20 @@ use crate::config::GridConfig;
 use crate::growth::Growth;
 use crate::start::{CARVING_CELLS, CARVING_NODE};
 
-/// Bytes of a node of the finest grid: base, values, gradient and slopes of the shape, whether it is active, and at
-/// the end of a stage the interpolated base, distances and what is stored; with the coarser levels. Parameters and
-/// moments are those of a band around the surface.
+/// Bytes of a node of a grid of up to `whole_cells` cells, all of whose nodes are stored: base, values, gradient, slopes
+/// and rows of the shape, with the coarser levels.
 const SHAPE_NODE: u64 = 52;
 
-/// Bytes of a node of the finest colour grid: three channels of base, values and gradient, parameters and moments, with the
+/// Bytes of a node of its colour grid: three channels of base, values and gradient, parameters and moments, with the
 /// coarser levels.
 const COLOR_NODE: u64 = 80;
+
+/// Bytes per node of a face of a finer grid: what is stored around a surface, shape and colour, with the coarser levels and
+/// the stage before.
+const SURFACE_NODE: u64 = 6000;
+
+/// Bytes per node of a finer grid: sets of nodes, and what the stage before learned, in a checkpoint.
+const FAR_NODE: u64 = 4;
 
 /// Bytes of a parameter with its moments, its sum, and its copy in a checkpoint.
 const PARAMETER: u64 = 40;
@@ -42,8 +48,12 @@ impl GridConfig {
         let nodes = |cells: u64| (cells + 1).saturating_pow(3);
         // Up to `whole_cells`, everything in the hull learns: half of the cube, at most.
         let whole = nodes(cells.min(self.whole_cells as u64)) / 2;
-        let color = nodes(cells / self.color_coarseness.max(1) as u64);
-        let of_grids: u64 = [nodes(cells) * SHAPE_NODE, color * COLOR_NODE, whole * PARAMETER].into_iter().sum();
+        let stored = cells.min(self.whole_cells as u64);
+        let color = nodes(stored / self.color_coarseness.max(1) as u64);
+        let of_finer =
+            if cells > stored { (cells + 1).saturating_pow(2) * SURFACE_NODE + nodes(cells) * FAR_NODE } else { 0 };
+        let of_grids: u64 =
+            [nodes(stored) * SHAPE_NODE, color * COLOR_NODE, whole * PARAMETER, of_finer].into_iter().sum();
         // Before there are grids, the hull is carved.
         let of_carving = if self.plane_sweep_pixels > 0 { nodes(CARVING_CELLS as u64) * CARVING_NODE } else { 0 };
         let pixels = |view: &&View| u64::from(view.image.width()) * u64::from(view.image.height());

@@ -3,7 +3,6 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use crate::active::ActiveNodes;
 use crate::cubic;
 use dvr_core::voxel::VoxelGrid;
 use dvr_core::voxel::VoxelTraversal;
@@ -37,7 +36,7 @@ impl OccupancyBitmask {
         let words = nodes.div_ceil(64);
         let mut inside = vec![0; words * nodes * nodes];
         inside.par_chunks_mut(words).zip(values.par_chunks(nodes)).with_min_len(nodes).for_each(|(bits, row)| {
-            write_bits(bits, 0, row);
+            write_bits(bits, row);
         });
         let marked = vec![0; words * cells * cells];
         let mut map = Self { grid: *grid, inside, marked, words, range: [[0; 3]; 2] };
@@ -48,25 +47,6 @@ impl OccupancyBitmask {
     /// The grid.
     pub fn grid(&self) -> &VoxelGrid {
         &self.grid
-    }
-
-    /// Marks the cells of values that have changed at the active nodes alone.
-    ///
-    /// # Panics
-    /// When there are not as many values as nodes, or the nodes are another grid's.
-    pub fn update(&mut self, values: &[f32], active: &ActiveNodes) {
-        assert_eq!(active.grid(), &self.grid, "nodes of the same grid");
-        assert_eq!(values.len(), self.grid.len(), "a value per node");
-        let (nodes, words) = (self.grid.nodes(), self.words);
-        self.inside.par_chunks_mut(words * nodes).enumerate().for_each(|(z, layer)| {
-            for &(start, length) in active.layer(z) {
-                let start = start as usize;
-                let (y, x) = (start / nodes % nodes, start % nodes);
-                let row = &mut layer[y * words..(y + 1) * words];
-                write_bits(row, x, &values[start..start + length as usize]);
-            }
-        });
-        self.mark();
     }
 
     /// From nodes to cells.
@@ -117,42 +97,89 @@ impl OccupancyBitmask {
     /// `None` where they never do, and where the ray starts inside. What lies out of the cube counts as negative: a
     /// ray that enters the cube where the values are not negative crosses there.
     pub fn first_crossing(&self, values: &[f32], origin: Vec3, direction: Vec3, from: f32, to: f32) -> Option<f32> {
-        let grid = &self.grid;
-        let start = origin + from * direction;
-        if start.abs().max_element() < grid.half_extent() && grid.value(values, start) >= 0.0 {
-            return None;
-        }
-        let walk = VoxelTraversal::within(grid, self.range, origin, direction, from, to)?;
-        let plane = grid.nodes() * grid.nodes();
-        let (grid_origin, grid_direction) = (grid.to_grid(origin), direction / grid.spacing());
-        for segment in walk {
-            let [x, y, z] = segment.cell;
-            if !self.is_marked(segment.cell) {
-                continue;
-            }
-            let corners = grid.corners(values, z * plane + y * grid.nodes() + x);
-            let low = Vec3::new(x as f32, y as f32, z as f32);
-            let at = grid_origin + segment.enter * grid_direction - low;
-            let length = segment.leave - segment.enter;
-            if let Some(t) = cubic::first_crossing(&along(&corners, at, length * grid_direction)) {
-                return Some(segment.enter + t * length);
-            }
-        }
-        None
+        first_crossing(self, values, origin, direction, from, to)
     }
 }
 
-/// Sets the bits from `first` on: whether each value is not negative.
-fn write_bits(bits: &mut [u64], first: usize, values: &[f32]) {
-    let mut rest = values;
-    let mut at = first;
-    while !rest.is_empty() {
-        let (here, others) = rest.split_at(rest.len().min(64 - at % 64));
-        let ones = here.iter().enumerate().fold(0, |word, (i, &v)| word | u64::from(v >= 0.0) << i);
-        let mask = u64::MAX >> (64 - here.len());
-        bits[at / 64] = bits[at / 64] & !(mask << (at % 64)) | ones << (at % 64);
-        at += here.len();
-        rest = others;
+/// Which cells of a grid may hold surface, and the values at their corners.
+pub(crate) trait SurfaceCells {
+    /// The values at the nodes.
+    type Values: ?Sized;
+
+    /// The grid.
+    fn grid(&self) -> &VoxelGrid;
+
+    /// A box of cells around those that may hold surface: first, and one past the last.
+    fn range(&self) -> [[usize; 3]; 2];
+
+    /// Whether the surface may pass through a cell, or it is inside.
+    fn is_marked(&self, cell: [usize; 3]) -> bool;
+
+    /// The values at a cell's corners, x fastest.
+    fn corners(&self, values: &Self::Values, cell: [usize; 3]) -> [f32; 8];
+}
+
+impl SurfaceCells for OccupancyBitmask {
+    type Values = [f32];
+
+    fn grid(&self) -> &VoxelGrid {
+        &self.grid
+    }
+
+    fn range(&self) -> [[usize; 3]; 2] {
+        self.range
+    }
+
+    #[inline]
+    fn is_marked(&self, cell: [usize; 3]) -> bool {
+        self.is_marked(cell)
+    }
+
+    #[inline]
+    fn corners(&self, values: &[f32], cell: [usize; 3]) -> [f32; 8] {
+        self.grid.corners(values, self.grid.index(cell))
+    }
+}
+
+/// See [`OccupancyBitmask::first_crossing`].
+pub(crate) fn first_crossing<S: SurfaceCells>(
+    cells: &S,
+    values: &S::Values,
+    origin: Vec3,
+    direction: Vec3,
+    from: f32,
+    to: f32,
+) -> Option<f32> {
+    let grid = cells.grid();
+    let start = origin + from * direction;
+    if start.abs().max_element() < grid.half_extent() {
+        let cell = grid.locate(start);
+        if cell.value(&cells.corners(values, grid.coordinates(cell.node))) >= 0.0 {
+            return None;
+        }
+    }
+    let walk = VoxelTraversal::within(grid, cells.range(), origin, direction, from, to)?;
+    let (grid_origin, grid_direction) = (grid.to_grid(origin), direction / grid.spacing());
+    for segment in walk {
+        let [x, y, z] = segment.cell;
+        if !cells.is_marked(segment.cell) {
+            continue;
+        }
+        let corners = cells.corners(values, segment.cell);
+        let low = Vec3::new(x as f32, y as f32, z as f32);
+        let at = grid_origin + segment.enter * grid_direction - low;
+        let length = segment.leave - segment.enter;
+        if let Some(t) = cubic::first_crossing(&along(&corners, at, length * grid_direction)) {
+            return Some(segment.enter + t * length);
+        }
+    }
+    None
+}
+
+/// Sets the bits of a row: whether each value is not negative.
+fn write_bits(bits: &mut [u64], values: &[f32]) {
+    for (word, values) in bits.iter_mut().zip(values.chunks(64)) {
+        *word = values.iter().enumerate().fold(0, |word, (i, &value)| word | u64::from(value >= 0.0) << i);
     }
 }
 
@@ -258,21 +285,6 @@ mod tests {
             let hit = map.first_crossing(&values, origin, target - origin, 0.0, f32::INFINITY);
             // The sheet is a thousandth of a cell thick.
             assert!(hit.is_some_and(|t| (t - 1.0).abs() < 1e-4), "{hit:?}");
-        }
-    }
-
-    #[test]
-    fn values_that_change_at_active_nodes_are_marked_anew() {
-        for nodes in [9, 67] {
-            let (grid, before) = noise(nodes, 0.9, 5);
-            let (_, other) = noise(nodes, 0.9, 6);
-            let active = ActiveNodes::new(&grid, |node| node % 13 < 7);
-            let mut after = before.clone();
-            active.iter().for_each(|node| after[node] = other[node]);
-            let mut map = OccupancyBitmask::new(&grid, &before);
-            map.update(&after, &active);
-            let expected = OccupancyBitmask::new(&grid, &after);
-            assert!(map.inside == expected.inside && map.marked == expected.marked && map.range == expected.range);
         }
     }
 

@@ -1,15 +1,18 @@
 //! The grids of each stage: those of the first from the visual hull, those of the next from what was learned.
 
+use std::sync::Arc;
+
 use dvr_core::hull::MaskDistance;
 use dvr_core::metrics::depth_maps::StereoDepth;
 use dvr_core::voxel::VoxelGrid;
 use dvr_core::{Cancellation, Cancelled, UnitCube, View};
 
 use crate::active::ActiveNodes;
-use crate::color;
+use crate::bricks::{BrickValues, near_refined_surface};
+use crate::color::{self, CHANNELS};
 use crate::config::GridConfig;
-use crate::multires::{ColorGrid, Grids, ShapeGrid, prolonged};
-use crate::start::{CARVING_CELLS, SpaceCarving, add_hull_detail, hull_start};
+use crate::multires::{ColorGrid, Grids, ShapeGrid};
+use crate::start::{CARVING_CELLS, SpaceCarving, hull_detail, hull_start};
 use crate::stereo::{FusedDistance, Stereo};
 use crate::views::{TrainingView, mean_object_color};
 
@@ -96,23 +99,24 @@ impl Refinement {
         let grid = padded_cube(config.first_cells);
         let (base, active) = self.hull(&grid, config)?;
         let coarser = (grid.cells() / config.coarsest_cells).ilog2() as usize;
-        let shape = ShapeGrid::new(active, base, coarser);
+        let shape = ShapeGrid::new(active, &base, coarser);
         let active = coarsened(shape.active(), config.color_coarseness);
         let base = color::constant(self.mean_color).repeat(active.grid().len());
         // Two levels of colour: the finest and one coarser.
-        Ok(Grids { shape, color: ColorGrid::new(active, base, 1) })
+        Ok(Grids { shape, color: ColorGrid::new(active, &base, 1) })
     }
 
     /// Grids of twice the cells. Beyond `whole_cells`, only what is near the surface goes on learning.
     pub fn refined(&self, grids: &Grids, config: &GridConfig) -> Result<Grids, Cancelled> {
         let cells = 2 * grids.cells();
         if cells > config.whole_cells {
-            return self.on_frozen_base(grids, grids.shape.values(), grids.color.values(), config);
+            let (shape, color) = (grids.shape.values().clone(), grids.color.values().clone());
+            return self.on_frozen_base(grids, shape, color, config);
         }
         let (base, active) = self.hull(&padded_cube(cells), config)?;
-        let shape = grids.shape.refined(active, base);
+        let shape = grids.shape.refined(active, &base);
         let base = color::constant(self.mean_color).repeat((cells / config.color_coarseness + 1).pow(3));
-        let color = grids.color.refined(coarsened(shape.active(), config.color_coarseness), base);
+        let color = grids.color.refined(coarsened(shape.active(), config.color_coarseness), &base);
         Ok(Grids { shape, color })
     }
 
@@ -121,20 +125,19 @@ impl Refinement {
     pub fn on_frozen_base(
         &self,
         grids: &Grids,
-        shape: &[f32],
-        color: &[f32],
+        shape: BrickValues<1>,
+        color: BrickValues<CHANNELS>,
         config: &GridConfig,
     ) -> Result<Grids, Cancelled> {
         let grid = padded_cube(2 * grids.cells());
-        let mut base = prolonged::<1>(shape, &grid);
-        let near = ActiveNodes::near_surface(&grid, &base, BAND_NODES);
+        let near = near_refined_surface(&grid, &shape, BAND_NODES);
         let disagreeing = config.disagreeing_views.of(self.masks.len());
-        add_hull_detail(&self.masks, &near, disagreeing, &mut base, &self.cancellation)?;
+        let detail = hull_detail(&self.masks, &near, disagreeing, &self.cancellation)?;
         let near_color = coarsened(&near, config.color_coarseness);
-        let color = prolonged::<{ color::CHANNELS }>(color, near_color.grid());
+        let (shape, color) = (Arc::new(shape), Arc::new(color));
         Ok(Grids {
-            color: ColorGrid::on_frozen_base(near_color, color, grids.color.coarser() + 1),
-            shape: ShapeGrid::on_frozen_base(near, base, grids.shape.coarser() + 1),
+            color: ColorGrid::on_frozen_base(near_color, color, &[], grids.color.coarser() + 1),
+            shape: ShapeGrid::on_frozen_base(near, shape, &detail, grids.shape.coarser() + 1),
         })
     }
 }

@@ -3,17 +3,16 @@
 use dvr_core::voxel::{Cell, VoxelGrid};
 use glam::Vec3;
 
+use crate::bricks::{BrickOccupancy, BrickValues};
 use crate::constants::{CLEARANCE, MIN_COSINE};
-use crate::multires::Grids;
-use crate::occupancy::OccupancyBitmask;
 use crate::views::TrainingView;
 
 /// The zero level of values at the nodes of a grid, positive inside.
 #[derive(Clone, Copy)]
 pub(crate) struct Surface<'a> {
     pub grid: &'a VoxelGrid,
-    pub values: &'a [f32],
-    pub bitmask: &'a OccupancyBitmask,
+    pub values: &'a BrickValues<1>,
+    pub occupancy: &'a BrickOccupancy,
 }
 
 /// Where a ray meets the surface.
@@ -27,9 +26,9 @@ pub(crate) struct SurfacePoint {
 }
 
 impl<'a> Surface<'a> {
-    /// That of grids; `bitmask` is made of their shape.
-    pub fn of(grids: &'a Grids, bitmask: &'a OccupancyBitmask) -> Self {
-        Self { grid: grids.shape.grid(), values: grids.shape.values(), bitmask }
+    /// That of values; `occupancy` is made of them.
+    pub fn of(values: &'a BrickValues<1>, occupancy: &'a BrickOccupancy) -> Self {
+        Self { grid: values.grid(), values, occupancy }
     }
 
     /// Where the ray of a pixel meets it first.
@@ -40,13 +39,13 @@ impl<'a> Surface<'a> {
 
     /// Ray depth of the first crossing from a camera on.
     pub fn depth(&self, origin: Vec3, direction: Vec3) -> Option<f32> {
-        self.bitmask.first_crossing(self.values, origin, direction, 0.0, f32::INFINITY)
+        self.occupancy.first_crossing(self.values, origin, direction, 0.0, f32::INFINITY)
     }
 
     /// The surface at a point of it.
     pub fn at(&self, point: Vec3) -> SurfacePoint {
         let cell = self.grid.locate(point);
-        let (_, gradient) = cell.value_and_gradient(&self.grid.corners(self.values, cell.node));
+        let (_, gradient) = cell.value_and_gradient(&self.values.cell(&cell));
         let gradient = gradient / self.grid.spacing();
         SurfacePoint { point, cell, gradient, inward: gradient / gradient.length().max(1e-6) }
     }
@@ -66,6 +65,6 @@ impl<'a> Surface<'a> {
     pub fn is_free_to(&self, at: &SurfacePoint, view: &TrainingView) -> bool {
         let to_view = view.camera.center - at.point;
         let clearance = CLEARANCE * self.grid.spacing() / to_view.length();
-        self.bitmask.first_crossing(self.values, at.point, to_view, clearance, 1.0).is_none()
+        self.occupancy.first_crossing(self.values, at.point, to_view, clearance, 1.0).is_none()
     }
 }

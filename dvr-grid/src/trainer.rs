@@ -9,7 +9,9 @@ use dvr_core::{Cancellation, Cancelled, Exposure, View, require_masks};
 use dvr_render::{SlopeRule, ViewMetrics, is_gpu, view_metrics, view_metrics_at_own_exposure};
 use rayon::prelude::*;
 
+use crate::bricks::BrickValues;
 use crate::clock::PartTimes;
+use crate::color::CHANNELS;
 use crate::color_trust::{self, color_trust};
 use crate::config::{ColorTrust, ExposureCorrection, GridConfig};
 use crate::error::{Error, Result};
@@ -394,10 +396,12 @@ impl<'a> GridTrainer<'a> {
             let names = if is_last { state::PRESENT } else { state::KEPT };
             let next = match state::learned(&state.training, names)? {
                 Some((shape, color)) if 2 * grids.cells() > self.config.whole_cells => {
-                    if (shape.len(), color.len()) != (grids.shape.values().len(), grids.color.values().len()) {
+                    if (shape.len(), color.len()) != (grids.shape.grid().len(), CHANNELS * grids.color.grid().len()) {
                         return Err(state::misfit());
                     }
-                    self.refinement.on_frozen_base(&grids, &shape, &color, &self.config)?
+                    let shape = BrickValues::of_grid(grids.shape.grid(), &shape);
+                    let color = BrickValues::of_grid(grids.color.grid(), &color);
+                    self.refinement.on_frozen_base(&grids, shape, color, &self.config)?
                 }
                 _ => self.refinement.refined(&grids, &self.config)?,
             };

@@ -9,8 +9,8 @@
 use dvr_core::View;
 use rayon::prelude::*;
 
+use crate::bricks::BrickOccupancy;
 use crate::multires::Grids;
-use crate::occupancy::OccupancyBitmask;
 use crate::plane_patch::PlanePatch;
 use crate::surface::Surface;
 use crate::views::TrainingView;
@@ -78,8 +78,8 @@ impl<'a> ValidationNcc<'a> {
 
     /// The scores of a surface.
     pub fn scores(&self, grids: &Grids) -> NccScores {
-        let bitmask = OccupancyBitmask::new(grids.shape.grid(), grids.shape.values());
-        let surface = Surface::of(grids, &bitmask);
+        let occupancy = BrickOccupancy::new(grids.shape.values());
+        let surface = Surface::of(grids.shape.values(), &occupancy);
         let pixels = self.pixels.par_iter();
         NccScores(pixels.map(|&(view, pixel)| score(&surface, &self.views[view], pixel, &self.training)).collect())
     }

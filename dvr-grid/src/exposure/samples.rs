@@ -4,9 +4,9 @@ use dvr_core::Exposure;
 use glam::Vec3;
 use rayon::prelude::*;
 
+use crate::bricks::BrickOccupancy;
 use crate::config::GridConfig;
 use crate::multires::Grids;
-use crate::occupancy::OccupancyBitmask;
 use crate::pixel_order::{PixelOrder, mix};
 use crate::step::draw::{DrawnRay, draw};
 use crate::surface::Surface;
@@ -40,8 +40,8 @@ pub(super) fn samples(
     config: &GridConfig,
     rays_drawn: u64,
 ) -> Vec<Sample> {
-    let bitmask = OccupancyBitmask::new(grids.shape.grid(), grids.shape.values());
-    let surface = Surface::of(grids, &bitmask);
+    let occupancy = BrickOccupancy::new(grids.shape.values());
+    let surface = Surface::of(grids.shape.values(), &occupancy);
     let of_pixel = |count: u64| {
         let DrawnRay { view, pixel, .. } = draw(order, config.seed, rays_drawn + count);
         of_pixel(&surface, views, view, pixel)

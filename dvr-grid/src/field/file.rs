@@ -6,13 +6,17 @@
 //! deflated (RFC 1951).
 
 use std::io::{Read, Write};
+use std::ops::Range;
 
 use dvr_core::voxel::VoxelGrid;
 use flate2::Compression;
 use flate2::read::DeflateDecoder;
 use flate2::write::DeflateEncoder;
 
-use crate::field::grid_field::{GridField, GridValues};
+use crate::active::ActiveNodes;
+use crate::bricks::BrickValues;
+use crate::color::CHANNELS;
+use crate::field::grid_field::GridField;
 
 /// Why bytes cannot be read as a grid field.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -82,13 +86,9 @@ const MAX_NODES: u32 = 513;
 pub const MAX_VALUES: usize = 190_000_000;
 
 /// What a node is: away from the surface on either side, or stored.
-#[derive(Clone, Copy, PartialEq, Eq)]
-#[repr(u8)]
-enum Class {
-    Outside = 0,
-    Inside = 1,
-    Stored = 2,
-}
+const OUTSIDE: u8 = 0;
+const INSIDE: u8 = 1;
+const STORED: u8 = 2;
 
 /// A field as bytes.
 ///
@@ -96,33 +96,43 @@ enum Class {
 /// [`GridFormatError::TooLarge`] where the field has more than [`MAX_VALUES`].
 pub fn to_bytes(field: &GridField) -> Result<Vec<u8>, GridFormatError> {
     let (shape, color) = (field.shape(), field.color());
-    check_values(&shape.grid, &color.grid)?;
-    let classes = classify(shape);
-    let step = shape.grid.spacing() / STEPS_PER_CELL;
-    let mut plain: Vec<u8> = classes.iter().map(|&class| class as u8).collect();
-    let mut predictor = Predictor::new(&shape.grid, &classes);
-    for node in (0..classes.len()).filter(|&node| classes[node] == Class::Stored) {
-        let code = quantised(shape.values[node], step);
-        plain.push(code.wrapping_sub(predictor.predict(node)) as u8);
-        predictor.learn(node, code);
-    }
-    let needed = needed_colors(&shape.grid, &classes, &color.grid);
-    for channel in 0..3 {
-        let mut previous = 0u8;
-        for node in (0..needed.len()).filter(|&node| needed[node]) {
-            // Neighbours differ little: differences deflate well.
-            let byte = color_byte(color.values[3 * node + channel]);
-            plain.push(byte.wrapping_sub(previous));
-            previous = byte;
-        }
-    }
+    let (grid, color_grid) = (shape.grid(), color.grid());
+    check_values(grid, color_grid)?;
     let mut bytes = MAGIC.to_vec();
     bytes.extend(GRID_FORMAT_VERSION.to_le_bytes());
-    bytes.extend((shape.grid.nodes() as u32).to_le_bytes());
-    bytes.extend((color.grid.nodes() as u32).to_le_bytes());
-    bytes.extend(shape.grid.half_extent().to_le_bytes());
+    bytes.extend((grid.nodes() as u32).to_le_bytes());
+    bytes.extend((color_grid.nodes() as u32).to_le_bytes());
+    bytes.extend(grid.half_extent().to_le_bytes());
     let mut encoder = DeflateEncoder::new(bytes, Compression::best());
-    encoder.write_all(&plain).and_then(|()| encoder.finish()).map_err(|e| damaged(&e))
+    let stored = NodeSet::around_surface(field);
+    let mut write = |plain: &[u8]| encoder.write_all(plain).map_err(|e| damaged(&e));
+    let mut classes = vec![OUTSIDE; grid.nodes().pow(2)];
+    for z in 0..grid.nodes() {
+        field.occupancy().write_inside(z, &mut classes);
+        stored.iter_range(z * classes.len()..(z + 1) * classes.len()).for_each(|node| {
+            classes[node - z * grid.nodes().pow(2)] = STORED;
+        });
+        write(&classes)?;
+    }
+    let (step, mut predictor) = (grid.spacing() / STEPS_PER_CELL, Predictor::new(grid, &stored));
+    let code = |node: usize| {
+        let code = quantised(shape.at(grid.coordinates(node))[0], step);
+        let residual = code.wrapping_sub(predictor.predict(node)) as u8;
+        predictor.learn(node, code);
+        residual
+    };
+    write(&stored.iter().map(code).collect::<Vec<u8>>())?;
+    let needed = stored.needed_colors(grid, color_grid);
+    for channel in 0..3 {
+        let mut previous = 0u8;
+        let difference = |node: usize| {
+            // Neighbours differ little: differences deflate well.
+            let byte = color_byte(color.at(color_grid.coordinates(node))[channel]);
+            byte.wrapping_sub(std::mem::replace(&mut previous, byte))
+        };
+        write(&needed.iter().map(difference).collect::<Vec<u8>>())?;
+    }
+    encoder.finish().map_err(|e| damaged(&e))
 }
 
 /// A field from bytes.
@@ -170,101 +180,178 @@ fn damaged(problem: &std::io::Error) -> GridFormatError {
 
 /// How many values of shape and colour a file of this field stores.
 pub fn stored_values(field: &GridField) -> usize {
-    let classes = classify(field.shape());
-    let shape = classes.iter().filter(|class| **class == Class::Stored).count();
-    let needed = needed_colors(&field.shape().grid, &classes, &field.color().grid);
-    shape + 3 * needed.iter().filter(|needed| **needed).count()
+    let stored = NodeSet::around_surface(field);
+    stored.count() + 3 * stored.needed_colors(field.shape().grid(), field.color().grid()).count()
 }
 
 /// What was deflated, part by part: nothing is made for what is not there.
 fn read_plain(plain: &mut impl Read, shape: VoxelGrid, color: VoxelGrid) -> Result<GridField, GridFormatError> {
-    let classes = next_bytes(plain, shape.len())?;
-    let classes: Vec<Class> = classes
-        .into_iter()
-        .map(|byte| match byte {
-            0 => Class::Outside,
-            1 => Class::Inside,
-            _ => Class::Stored,
-        })
-        .collect();
-    let values = read_shape(plain, &shape, &classes)?;
-    let needed = needed_colors(&shape, &classes, &color);
-    drop(classes);
-    let colors = read_colors(plain, &needed)?;
+    let (stored, inside) = read_classes(plain, &shape)?;
+    let values = read_shape(plain, &shape, &stored, &inside)?;
+    let colors = read_colors(plain, &color, &stored.needed_colors(&shape, &color))?;
     if plain.read(&mut [0]).map_err(|e| damaged(&e))? > 0 {
         return Err(GridFormatError::CutShort);
     }
-    let shape = GridValues { grid: shape, values };
-    Ok(GridField::new(shape, GridValues { grid: color, values: colors }))
+    Ok(GridField::of_bricks(values, colors))
 }
 
-/// The occupancy of every node.
-fn read_shape(plain: &mut impl Read, shape: &VoxelGrid, classes: &[Class]) -> Result<Vec<f32>, GridFormatError> {
-    let stored = classes.iter().filter(|class| **class == Class::Stored).count();
-    let codes = next_bytes(plain, stored)?;
+/// Which nodes are stored, and which of the others are inside.
+fn read_classes(plain: &mut impl Read, shape: &VoxelGrid) -> Result<(NodeSet, NodeSet), GridFormatError> {
+    let (nodes, plane) = (shape.nodes(), shape.nodes().pow(2));
+    let (mut stored, mut inside) = (NodeSet::new(shape), NodeSet::new(shape));
+    let mut below: Option<Vec<u8>> = None;
+    for z in 0..nodes {
+        let classes = next_bytes(plain, plane)?;
+        // The surface does not pass between neighbours that are not stored.
+        let is_torn = |a: &[u8], b: &[u8]| a.iter().zip(b).any(|(&a, &b)| a != b && a < STORED && b < STORED);
+        let is_torn_along_x = classes.chunks(nodes).any(|row| is_torn(row, &row[1..]));
+        let is_torn_along_z = below.is_some_and(|below| is_torn(&below, &classes));
+        if is_torn_along_x || is_torn(&classes, &classes[nodes..]) || is_torn_along_z {
+            return Err(GridFormatError::Damaged { reason: "a surface without values".to_owned() });
+        }
+        for (i, &class) in classes.iter().enumerate() {
+            match class {
+                OUTSIDE => {}
+                INSIDE => inside.set(z * plane + i),
+                _ => stored.set(z * plane + i),
+            }
+        }
+        below = Some(classes);
+    }
+    Ok((stored, inside))
+}
+
+/// The occupancy: that of stored nodes, and two spacings on either side at all others.
+fn read_shape(
+    plain: &mut impl Read,
+    shape: &VoxelGrid,
+    stored: &NodeSet,
+    inside: &NodeSet,
+) -> Result<BrickValues<1>, GridFormatError> {
+    let codes = next_bytes(plain, stored.count())?;
     let (step, far) = (shape.spacing() / STEPS_PER_CELL, 2.0 * shape.spacing());
-    let mut values: Vec<f32> = classes.iter().map(|&class| if class == Class::Inside { far } else { -far }).collect();
-    let mut predictor = Predictor::new(shape, classes);
-    let nodes = (0..classes.len()).filter(|&node| classes[node] == Class::Stored);
-    for (node, &residual) in nodes.zip(&codes) {
+    let mut predictor = Predictor::new(shape, stored);
+    let value = |(node, &residual): (usize, &u8)| {
         let code = predictor.predict(node).wrapping_add(residual as i8);
         predictor.learn(node, code);
-        values[node] = (f32::from(code) + 0.5) * step;
-    }
-    Ok(values)
+        (f32::from(code) + 0.5) * step
+    };
+    let values: Vec<f32> = stored.iter().zip(&codes).map(value).collect();
+    let is_inside = |at: [usize; 3]| inside.contains(shape.index(at));
+    Ok(BrickValues::between_sides(&stored.active(shape), &values, [[-far], [far]], is_inside))
 }
 
-/// The colour of every node; grey where none is needed.
-fn read_colors(plain: &mut impl Read, needed: &[bool]) -> Result<Vec<f32>, GridFormatError> {
-    let count = needed.iter().filter(|needed| **needed).count();
-    let mut colors = vec![0.5; 3 * needed.len()];
-    for channel in 0..3 {
+/// The colours; grey where none is needed.
+fn read_colors(
+    plain: &mut impl Read,
+    color: &VoxelGrid,
+    needed: &NodeSet,
+) -> Result<BrickValues<CHANNELS>, GridFormatError> {
+    let count = needed.count();
+    let mut colors = vec![[0.0; CHANNELS]; count];
+    for channel in 0..CHANNELS {
         let mut byte = 0u8;
-        let differences = next_bytes(plain, count)?;
-        let nodes = (0..needed.len()).filter(|&node| needed[node]);
-        for (node, difference) in nodes.zip(differences) {
+        for (color, difference) in colors.iter_mut().zip(next_bytes(plain, count)?) {
             byte = byte.wrapping_add(difference);
-            colors[3 * node + channel] = byte_color(byte);
+            color[channel] = byte_color(byte);
         }
     }
-    Ok(colors)
+    Ok(BrickValues::between_sides(&needed.active(color), colors.as_flattened(), [[0.5; CHANNELS]; 2], |_| false))
 }
 
-/// Which nodes are corners of cells that the surface passes through.
-fn classify(shape: &GridValues) -> Vec<Class> {
-    let (grid, values) = (&shape.grid, &shape.values);
-    let mut classes: Vec<Class> =
-        values.iter().map(|&value| if value >= 0.0 { Class::Inside } else { Class::Outside }).collect();
-    let (cells, offsets) = (grid.cells(), grid.corner_offsets());
-    for i in 0..cells.pow(3) {
-        let node = grid.index([i % cells, i / cells % cells, i / (cells * cells)]);
-        let inside = offsets.iter().filter(|&&offset| values[node + offset] >= 0.0).count();
-        if inside > 0 && inside < 8 {
-            offsets.iter().for_each(|offset| classes[node + offset] = Class::Stored);
-        }
+/// A set of nodes, a bit each.
+struct NodeSet(Vec<u64>);
+
+impl NodeSet {
+    fn new(grid: &VoxelGrid) -> Self {
+        Self(vec![0; grid.len().div_ceil(64)])
     }
-    classes
+
+    /// The corners of the cells that the surface passes through.
+    fn around_surface(field: &GridField) -> Self {
+        let grid = field.shape().grid();
+        let (mut set, offsets) = (Self::new(grid), grid.corner_offsets());
+        for cell in field.occupancy().crossed_cells() {
+            let node = grid.index(cell);
+            offsets.iter().for_each(|offset| set.set(node + offset));
+        }
+        set
+    }
+
+    fn set(&mut self, node: usize) {
+        self.0[node / 64] |= 1 << (node % 64);
+    }
+
+    fn contains(&self, node: usize) -> bool {
+        self.0[node / 64] >> (node % 64) & 1 == 1
+    }
+
+    fn count(&self) -> usize {
+        self.0.iter().map(|word| word.count_ones() as usize).sum()
+    }
+
+    /// All of them, in rising order.
+    fn iter(&self) -> impl Iterator<Item = usize> + '_ {
+        self.iter_range(0..64 * self.0.len())
+    }
+
+    /// Those of a range.
+    fn iter_range(&self, range: Range<usize>) -> impl Iterator<Item = usize> + '_ {
+        let words = range.start / 64..range.end.div_ceil(64);
+        let of_word = |index: usize| {
+            let mut word = self.0[index];
+            std::iter::from_fn(move || {
+                let bit = (word != 0).then(|| word.trailing_zeros() as usize)?;
+                word &= word - 1;
+                Some(64 * index + bit)
+            })
+        };
+        words.flat_map(of_word).filter(move |node| range.contains(node))
+    }
+
+    /// The same as runs.
+    fn active(&self, grid: &VoxelGrid) -> ActiveNodes {
+        let mut runs: Vec<(u32, u32)> = Vec::new();
+        for node in self.iter() {
+            match runs.last_mut() {
+                Some((start, length)) if (*start + *length) as usize == node && node % grid.nodes() > 0 => *length += 1,
+                _ => runs.push((node as u32, 1)),
+            }
+        }
+        ActiveNodes::of_runs(grid, runs.into_iter())
+    }
+
+    /// The colour nodes around these nodes of the shape.
+    fn needed_colors(&self, shape: &VoxelGrid, color: &VoxelGrid) -> Self {
+        let (mut needed, offsets) = (Self::new(color), color.corner_offsets());
+        for node in self.iter() {
+            let cell = color.locate(shape.position(node));
+            offsets.iter().for_each(|offset| needed.set(cell.node + offset));
+        }
+        needed
+    }
 }
 
 /// Guesses a node's code from those before it, so that only what is new has to be stored: shapes are almost linear
 /// from node to node (the Lorenzo predictor, Ibarria et al. 2003, on as many axes as there are neighbours).
 struct Predictor<'a> {
     /// Which nodes have a code, once it is their turn.
-    classes: &'a [Class],
+    stored: &'a NodeSet,
+    /// Codes of the nodes of two layers: nothing that lies further back is asked for.
     codes: Vec<i8>,
     steps: [usize; 3],
 }
 
 impl<'a> Predictor<'a> {
-    fn new(grid: &VoxelGrid, classes: &'a [Class]) -> Self {
+    fn new(grid: &VoxelGrid, stored: &'a NodeSet) -> Self {
         let nodes = grid.nodes();
-        Self { classes, codes: vec![0; grid.len()], steps: [1, nodes, nodes * nodes] }
+        Self { stored, codes: vec![0; 2 * nodes * nodes], steps: [1, nodes, nodes * nodes] }
     }
 
     fn predict(&self, node: usize) -> i8 {
         let code = |back: usize| {
-            let i = node.checked_sub(back).filter(|&i| self.classes[i] == Class::Stored)?;
-            Some(i16::from(self.codes[i]))
+            let i = node.checked_sub(back).filter(|&i| self.stored.contains(i))?;
+            Some(i16::from(self.codes[i % self.codes.len()]))
         };
         let [x, y, z] = self.steps;
         let plane = |a: usize, b: usize| Some(code(a)? + code(b)? - code(a + b)?);
@@ -276,19 +363,9 @@ impl<'a> Predictor<'a> {
     }
 
     fn learn(&mut self, node: usize, code: i8) {
-        self.codes[node] = code;
+        let layers = self.codes.len();
+        self.codes[node % layers] = code;
     }
-}
-
-/// The colour nodes around stored shape nodes.
-fn needed_colors(shape: &VoxelGrid, classes: &[Class], color: &VoxelGrid) -> Vec<bool> {
-    let mut needed = vec![false; color.len()];
-    let offsets = color.corner_offsets();
-    for node in (0..classes.len()).filter(|&node| classes[node] == Class::Stored) {
-        let cell = color.locate(shape.position(node));
-        offsets.iter().for_each(|offset| needed[cell.node + offset] = true);
-    }
-    needed
 }
 
 /// The sign is kept: codes 0 and up are inside, -1 and down outside, each for the middle of its step.
@@ -319,20 +396,29 @@ mod tests {
         let bytes = to_bytes(&field).unwrap();
         assert!(bytes.len() < 8_000, "{} bytes", bytes.len());
         let read = from_bytes(&bytes).unwrap();
-        let cell = field.shape().grid.spacing();
+        let cell = field.shape().grid().spacing();
         for i in 0..200 {
             let direction = Vec3::new((i as f32).sin(), (1.7 * i as f32).cos(), (2.3 * i as f32).sin()).normalize();
             let point = 0.3 * direction;
-            let value = |f: &GridField| f.shape().grid.value(&f.shape().values, point);
+            let value = |f: &GridField| f.shape().value(point);
             assert!((value(&field) - value(&read)).abs() <= 0.51 * cell / STEPS_PER_CELL);
             for (a, b) in field.color_at(point, None).iter().zip(read.color_at(point, None)) {
                 assert!((a - b).abs() < 0.5 * 1.5 / LAST_COLOR + 1e-4, "{a} {b}");
             }
         }
         // Every sign is kept, so the topology is.
-        let signs = |f: &GridField| f.shape().values.iter().map(|&v| v >= 0.0).collect::<Vec<_>>();
+        let signs = |f: &GridField| f.dense_shape().values.iter().map(|&v| v >= 0.0).collect::<Vec<_>>();
         assert_eq!(signs(&field), signs(&read));
         assert_eq!(to_bytes(&read).unwrap(), bytes, "writing again changes nothing");
+    }
+
+    #[test]
+    fn rows_at_the_surface_are_read_and_written_as_all_nodes_are() {
+        let field = ball(33);
+        let read = from_bytes(&to_bytes(&field).unwrap()).unwrap();
+        assert!(2 * read.shape().layout().stored_rows() < field.shape().layout().stored_rows());
+        let all = GridField::new(read.dense_shape(), read.dense_color());
+        assert_eq!(to_bytes(&all).unwrap(), to_bytes(&read).unwrap());
     }
 
     #[test]

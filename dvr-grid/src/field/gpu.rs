@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use burn::tensor::{Device, Tensor};
 use dvr_core::Ray;
+use dvr_core::voxel::VoxelGrid;
 use dvr_gpu::DeviceError;
 use dvr_render::extract::ScalarField;
 use dvr_render::{
@@ -13,7 +14,7 @@ use dvr_render::{
 use glam::Vec3;
 
 use crate::field::exact_marcher::{ExactCrossing, ExactMarcher};
-use crate::field::grid_field::{GridField, GridValues};
+use crate::field::grid_field::GridField;
 use crate::field::tensors::{scalars, triples, vectors};
 use crate::gpu::{GpuGridView, NodeValues};
 
@@ -33,10 +34,12 @@ impl GpuGridField {
     /// # Errors
     /// When it is not a GPU, or the field is too large for it.
     pub fn new(field: GridField, device: &Device) -> Result<Self, DeviceError> {
-        fn given(part: &GridValues) -> NodeValues<'_> {
-            NodeValues { nodes: part.grid.nodes(), half_extent: part.grid.half_extent(), values: &part.values }
+        fn given<'a>(grid: &VoxelGrid, values: &'a [f32]) -> NodeValues<'a> {
+            NodeValues { nodes: grid.nodes(), half_extent: grid.half_extent(), values }
         }
-        let viewer = GpuGridView::new(device, given(field.shape()), given(field.color()))?;
+        let (shape, color) = (field.shape(), field.color());
+        let (values, colors) = (shape.to_dense(), color.to_dense());
+        let viewer = GpuGridView::new(device, given(shape.grid(), &values), given(color.grid(), &colors))?;
         Ok(Self { field, viewer: Arc::new(viewer) })
     }
 

@@ -9,8 +9,8 @@ use dvr_render::{Shaded, Shader};
 use glam::Vec3;
 use rayon::prelude::*;
 
+use crate::bricks::{BrickOccupancy, BrickValues};
 use crate::color::{self, CHANNELS, ColorSample};
-use crate::occupancy::OccupancyBitmask;
 
 /// Values at the nodes of a grid, the channels of a node side by side.
 #[derive(Clone, Debug, PartialEq)]
@@ -24,13 +24,13 @@ pub struct GridValues {
 /// An object as two grids over the padded cube: the occupancy logit, in units of length (about the distance to the
 /// surface, positive inside), and the colour, coarser, since fine colour would explain the pictures on a wrong surface.
 ///
-/// Rays meet its surface exactly: see [`OccupancyBitmask`].
+/// Rays meet its surface exactly: see [`crate::OccupancyBitmask`].
 /// A clone shares the values.
 #[derive(Clone, Debug)]
 pub struct GridField {
-    shape: Arc<GridValues>,
-    color: Arc<GridValues>,
-    occupancy: Arc<OccupancyBitmask>,
+    shape: Arc<BrickValues<1>>,
+    color: Arc<BrickValues<CHANNELS>>,
+    occupancy: Arc<BrickOccupancy>,
 }
 
 impl GridField {
@@ -39,18 +39,53 @@ impl GridField {
     /// # Panics
     /// When the numbers of values and nodes do not agree.
     pub fn new(shape: GridValues, color: GridValues) -> Self {
-        assert_eq!(color.values.len(), CHANNELS * color.grid.len(), "{CHANNELS} channels per node");
-        let occupancy = OccupancyBitmask::new(&shape.grid, &shape.values);
+        let shape = BrickValues::of_grid(&shape.grid, &shape.values);
+        Self::of_bricks(shape, BrickValues::of_grid(&color.grid, &color.values))
+    }
+
+    /// A field of numbers in bricks.
+    pub(crate) fn of_bricks(shape: BrickValues<1>, color: BrickValues<CHANNELS>) -> Self {
+        let occupancy = BrickOccupancy::new(&shape);
         Self { shape: Arc::new(shape), color: Arc::new(color), occupancy: Arc::new(occupancy) }
     }
 
-    /// The occupancy grid.
-    pub fn shape(&self) -> &GridValues {
+    /// The nodes of the occupancy.
+    pub fn shape_grid(&self) -> &VoxelGrid {
+        self.shape.grid()
+    }
+
+    /// The occupancy logit at a point.
+    pub fn logit_at(&self, point: Vec3) -> f32 {
+        self.shape.value(point)
+    }
+
+    /// The occupancy logit at a point and its gradient in space.
+    pub fn logit_and_gradient_at(&self, point: Vec3) -> (f32, Vec3) {
+        self.shape.value_and_gradient(point)
+    }
+
+    /// The occupancy at all nodes.
+    pub fn dense_shape(&self) -> GridValues {
+        GridValues { grid: *self.shape.grid(), values: self.shape.to_dense() }
+    }
+
+    /// The colour at all nodes.
+    pub fn dense_color(&self) -> GridValues {
+        GridValues { grid: *self.color.grid(), values: self.color.to_dense() }
+    }
+
+    /// Which cells may hold surface.
+    pub(crate) fn occupancy(&self) -> &BrickOccupancy {
+        &self.occupancy
+    }
+
+    /// The occupancy at the nodes.
+    pub(crate) fn shape(&self) -> &BrickValues<1> {
         &self.shape
     }
 
-    /// The colour grid.
-    pub fn color(&self) -> &GridValues {
+    /// The colour at the nodes.
+    pub(crate) fn color(&self) -> &BrickValues<CHANNELS> {
         &self.color
     }
 
@@ -60,8 +95,7 @@ impl GridField {
     }
 
     fn color_sample(&self, point: Vec3, step: Vec3, direction: Option<Vec3>) -> ColorSample {
-        let GridValues { grid, values } = &*self.color;
-        color::sample(grid, values, &grid.locate(point), step, direction)
+        color::sample(&self.color, &self.color.grid().locate(point), step, direction)
     }
 
     /// Colours at points; `directions` as in [`GridField::color_at`], one per point.
@@ -79,14 +113,14 @@ impl GridField {
     /// Depth between `from` and `to` at which a ray first meets the surface from outside; `None` where it does not, and
     /// where it starts inside.
     pub(super) fn first_crossing(&self, origin: Vec3, direction: Vec3, from: f32, to: f32) -> Option<f32> {
-        self.occupancy.first_crossing(&self.shape.values, origin, direction, from, to)
+        self.occupancy.first_crossing(&self.shape, origin, direction, from, to)
     }
 
     fn shade_ray(&self, ray: &Ray) -> Option<Shaded> {
         let (origin, direction) = (ray.origin.as_vec3(), ray.direction.as_vec3());
         let depth = self.first_crossing(origin, direction, 0.0, f32::INFINITY)?;
         let point = origin + depth * direction;
-        let (_, gradient) = self.shape.grid.value_and_gradient(&self.shape.values, point);
+        let (_, gradient) = self.shape.value_and_gradient(point);
         let color = self.color_at(point, Some(direction.normalize()));
         Some(Shaded { depth, color, normal: (-gradient).normalize_or_zero().to_array() })
     }
@@ -100,12 +134,12 @@ impl Shader for GridField {
 
 impl ScalarField for GridField {
     fn logits(&self, points: &[Vec3]) -> Vec<f32> {
-        let value = |p: &Vec3| self.shape.grid.value(&self.shape.values, *p);
+        let value = |p: &Vec3| self.shape.value(*p);
         points.par_iter().with_min_len(512).map(value).collect()
     }
 
     fn gradients(&self, points: &[Vec3]) -> Option<Vec<Vec3>> {
-        let gradient = |p: &Vec3| self.shape.grid.value_and_gradient(&self.shape.values, *p).1;
+        let gradient = |p: &Vec3| self.shape.value_and_gradient(*p).1;
         Some(points.par_iter().with_min_len(512).map(gradient).collect())
     }
 

@@ -60,7 +60,7 @@ impl Differentiable for GridField {
         let shape = self.shape();
         let slope = |i: usize| {
             let (point, step) = (points[i], steps[i]);
-            let (_, gradient) = shape.grid.value_and_gradient(&shape.values, point);
+            let (_, gradient) = shape.value_and_gradient(point);
             let viewing = directions.as_ref().map(|directions| directions[i]);
             (gradient.dot(step), self.color_slope(point, step, viewing))
         };
@@ -71,7 +71,7 @@ impl Differentiable for GridField {
 
     fn occupancy_gradient(&self, query: &Query) -> Tensor<2> {
         let shape = self.shape();
-        let gradient = |p: &Vec3| shape.grid.value_and_gradient(&shape.values, *p).1.to_array();
+        let gradient = |p: &Vec3| shape.value_and_gradient(*p).1.to_array();
         let gradients = vectors(&query.points).par_iter().with_min_len(512).map(gradient).collect();
         triples(gradients, &query.points.device())
     }

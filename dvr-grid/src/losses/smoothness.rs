@@ -4,14 +4,14 @@
 //! neighbours less itself) in spacings, and `H` the Huber function (Huber 1964): quadratic up to the knee and linear
 //! beyond, so that noise is smoothed and edges stay. The mean is over the active nodes near the surface.
 
-use std::ops::{Range, RangeInclusive};
+use std::ops::RangeInclusive;
 
-use pulp::Arch;
+use pulp::{Arch, NullaryFnOnce};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::term::LossTerm;
-use crate::active::ActiveNodes;
+use crate::bricks::{Brick, BrickLayout, BrickValues, EDGE, Row};
 
 /// Nodes whose value is at most this many spacings from zero count as near the surface.
 const NEAR: f32 = 2.0;
@@ -47,48 +47,30 @@ impl LossTerm for SmoothnessLoss {
     }
 }
 
-/// Measures smoothness at one set of active nodes; keeps its working space between steps.
+/// Measures smoothness at the active nodes of a grid; keeps its working space between steps.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct LaplacianSmoothness {
-    slopes: Vec<f32>,
+    /// Of the rows with active nodes, and one row of zeros.
+    slopes: Vec<Row<1>>,
 }
 
 impl LaplacianSmoothness {
-    /// Adds the gradient of `weight` times the mean smoothness of the active nodes near the surface to `gradient`, at
-    /// the active nodes, and returns that mean.
+    /// Adds the gradient of `weight` times the mean smoothness of the active nodes near the surface to `gradient`, of the
+    /// rows with active nodes, and returns that mean. No active node lies on the grid's border.
     ///
     /// # Panics
-    /// When the slices are not as long as the grid, or an active node lies on its border.
-    pub fn add_gradient(
-        &mut self,
-        values: &[f32],
-        gradient: &mut [f32],
-        active: &ActiveNodes,
-        weight: f32,
-        knee: f32,
-    ) -> f32 {
-        let grid = active.grid();
-        let (nodes, plane, spacing) = (grid.nodes(), grid.nodes().pow(2), grid.spacing());
-        assert_eq!((values.len(), gradient.len()), (grid.len(), grid.len()), "a value per node");
-        // What is not active stays zero.
-        self.slopes.resize(values.len(), 0.0);
+    /// When there are not as many rows as there are with active nodes.
+    pub fn add_gradient(&mut self, values: &BrickValues<1>, gradient: &mut [Row<1>], weight: f32, knee: f32) -> f32 {
+        let (layout, spacing) = (values.layout(), values.grid().spacing());
+        assert_eq!(gradient.len(), layout.active_rows(), "a row per row with active nodes");
+        self.slopes.resize(layout.active_rows() + 1, [[0.0]; EDGE]);
+        self.slopes[layout.active_rows()] = [[0.0]; EDGE];
         let arch = Arch::new();
         let limits = Limits { near: NEAR * spacing, knee, spacing };
-        let sums: Vec<(f64, usize)> = self
-            .slopes
-            .par_chunks_mut(plane)
-            .enumerate()
-            .map(|(z, slopes)| {
-                let (mut sum, mut count) = (0.0, 0);
-                for &(start, length) in active.layer(z) {
-                    let run = start as usize..(start + length) as usize;
-                    let slopes = &mut slopes[run.start - z * plane..run.end - z * plane];
-                    let found = arch.dispatch(|| measure(Around::new(values, run.clone(), nodes), slopes, &limits));
-                    sum += found.0;
-                    count += found.1;
-                }
-                (sum, count)
-            })
+        let tasks: Vec<_> = layout.tasks().zip(layout.split(&mut self.slopes)).collect();
+        let sums: Vec<(f64, u32)> = tasks
+            .into_par_iter()
+            .map(|(bricks, slopes)| arch.dispatch(Measure { bricks, values, slopes, limits: &limits }))
             .collect();
         let (sum, count) = sums.iter().fold((0.0, 0), |(s, c), (sum, count)| (s + sum, c + count));
         if count == 0 {
@@ -96,14 +78,11 @@ impl LaplacianSmoothness {
         }
         let scale = weight / (count as f32 * spacing);
         let slopes = &self.slopes;
-        gradient.par_chunks_mut(plane).enumerate().for_each(|(z, gradient)| {
-            for &(start, length) in active.layer(z) {
-                let run = start as usize..(start + length) as usize;
-                let gradient = &mut gradient[run.start - z * plane..run.end - z * plane];
-                arch.dispatch(|| spread(Around::new(slopes, run.clone(), nodes), gradient, scale));
-            }
+        let tasks: Vec<_> = layout.tasks().zip(layout.split(gradient)).collect();
+        tasks.into_par_iter().for_each(|(bricks, gradient)| {
+            arch.dispatch(Spread { bricks, layout, slopes, gradient, scale });
         });
-        (sum / count as f64) as f32
+        (sum / f64::from(count)) as f32
     }
 }
 
@@ -114,53 +93,108 @@ struct Limits {
     spacing: f32,
 }
 
-/// Numbers at a run of nodes and at their neighbours.
-struct Around<'a> {
-    own: &'a [f32],
-    neighbours: [&'a [f32]; 6],
-}
-
-impl<'a> Around<'a> {
-    /// For a run that is not on the border.
-    #[inline(always)]
-    fn new(values: &'a [f32], run: Range<usize>, nodes: usize) -> Self {
-        let plane = nodes * nodes;
-        let after = |distance: usize| &values[run.start + distance..run.end + distance];
-        let before = |distance: usize| &values[run.start - distance..run.end - distance];
-        let neighbours = [before(1), after(1), before(nodes), after(nodes), before(plane), after(plane)];
-        Self { own: &values[run], neighbours }
-    }
-
-    /// Number of the run's node `i`, and how much larger the mean of its neighbours is.
-    #[inline(always)]
-    fn at(&self, i: usize) -> (f32, f32) {
-        let sum = self.neighbours.iter().map(|values| values[i]).sum::<f32>();
-        (self.own[i], sum / 6.0 - self.own[i])
-    }
-}
-
-/// Slopes of the smoothness of a run's nodes; their sum of smoothness and the number of those near the surface.
+/// How much larger the means of the neighbours of a row's nodes are; `neighbours` are the rows along x, y and z, and
+/// those beyond the last one are the last one.
+#[allow(clippy::needless_range_loop, reason = "loops over lanes are compiled to vectors")]
 #[inline(always)]
-fn measure(values: Around, slopes: &mut [f32], limits: &Limits) -> (f64, usize) {
-    let Limits { near, knee, spacing } = *limits;
-    let (mut sum, mut count) = (0.0, 0);
-    for (i, slope) in slopes.iter_mut().enumerate() {
-        let (value, excess) = values.at(i);
-        let laplacian = excess / spacing;
-        let is_near = value.abs() <= near;
-        *slope = if is_near { laplacian.clamp(-knee, knee) } else { 0.0 };
-        // The Huber function by its slope: s^2 / 2 within the knee, and s beyond it for each further unit.
-        sum += f64::from(*slope * (laplacian - 0.5 * *slope));
-        count += usize::from(is_near);
+fn excess(rows: &[Row<1>], slot: usize, neighbours: &[u32; 6]) -> [f32; EDGE] {
+    let last = rows.len() - 1;
+    let row = |index: usize| rows[last.min(neighbours[index] as usize)].as_flattened();
+    let own = rows[slot].as_flattened();
+    let mut along = [0.0; EDGE + 2];
+    along[0] = row(0)[EDGE - 1];
+    along[1..=EDGE].copy_from_slice(own);
+    along[EDGE + 1] = row(1)[0];
+    let mut sum = [0.0; EDGE];
+    for i in 0..EDGE {
+        sum[i] = along[i] + along[i + 2];
     }
-    (sum, count)
+    for index in 2..6 {
+        let row = row(index);
+        for i in 0..EDGE {
+            sum[i] += row[i];
+        }
+    }
+    for i in 0..EDGE {
+        sum[i] = sum[i] / 6.0 - own[i];
+    }
+    sum
 }
 
-/// From slopes to the gradient by the values.
-#[inline(always)]
-fn spread(slopes: Around, gradient: &mut [f32], scale: f32) {
-    for (i, gradient) in gradient.iter_mut().enumerate() {
-        *gradient += scale * slopes.at(i).1;
+/// Slopes of the smoothness of active nodes, zero at others; returns the sum of their smoothness and the number of those
+/// near the surface.
+struct Measure<'a> {
+    bricks: &'a [Brick],
+    values: &'a BrickValues<1>,
+    slopes: &'a mut [Row<1>],
+    limits: &'a Limits,
+}
+
+/// Compiled for each instruction set: a closure would not be.
+impl NullaryFnOnce for Measure<'_> {
+    type Output = (f64, u32);
+
+    #[allow(clippy::needless_range_loop, reason = "loops over lanes are compiled to vectors")]
+    #[inline(always)]
+    fn call(self) -> (f64, u32) {
+        let Self { bricks, values, slopes, limits } = self;
+        let (layout, rows) = (values.layout(), values.rows());
+        let Limits { near: reach, knee, spacing } = *limits;
+        let (mut sums, mut counts) = ([0.0f64; EDGE], [0.0f32; EDGE]);
+        let first = bricks[0].rows().start;
+        // Loops over lanes, without a branch: each is a few instructions.
+        for slot in first..bricks[bricks.len() - 1].rows().end {
+            let mut laplacian = excess(rows, slot, layout.neighbours(slot));
+            let (active, own) = (layout.active_lanes(slot), rows[slot]);
+            let (mut near, mut slope, mut value) = ([0.0; EDGE], [0.0; EDGE], [0.0; EDGE]);
+            for i in 0..EDGE {
+                laplacian[i] /= spacing;
+                near[i] = if own[i][0].abs() <= reach { active[i] } else { 0.0 };
+            }
+            for i in 0..EDGE {
+                let above = if laplacian[i] < -knee { -knee } else { laplacian[i] };
+                slope[i] = near[i] * if above > knee { knee } else { above };
+            }
+            for i in 0..EDGE {
+                // The Huber function by its slope: s^2 / 2 within the knee, and s beyond it for each further unit.
+                value[i] = slope[i] * (laplacian[i] - 0.5 * slope[i]);
+                counts[i] += near[i];
+            }
+            for i in 0..EDGE {
+                sums[i] += f64::from(value[i]);
+            }
+            slopes[slot - first] = slope.map(|slope| [slope]);
+        }
+        (sums.iter().sum(), counts.iter().sum::<f32>() as u32)
+    }
+}
+
+/// From slopes to the gradient by the values of active nodes.
+struct Spread<'a> {
+    bricks: &'a [Brick],
+    layout: &'a BrickLayout,
+    slopes: &'a [Row<1>],
+    gradient: &'a mut [Row<1>],
+    scale: f32,
+}
+
+/// Compiled for each instruction set: a closure would not be.
+impl NullaryFnOnce for Spread<'_> {
+    type Output = ();
+
+    #[allow(clippy::needless_range_loop, reason = "loops over lanes are compiled to vectors")]
+    #[inline(always)]
+    fn call(self) {
+        let Self { bricks, layout, slopes, gradient, scale } = self;
+        let first = bricks[0].rows().start;
+        for (slot, gradient) in (first..).zip(gradient) {
+            let excess = excess(slopes, slot, layout.neighbours(slot));
+            let (active, mut sum) = (layout.active_lanes(slot), *gradient);
+            for i in 0..EDGE {
+                sum[i][0] += scale * excess[i] * active[i];
+            }
+            *gradient = sum;
+        }
     }
 }
 
@@ -236,7 +270,20 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
 
     use super::*;
+    use crate::active::ActiveNodes;
     use dvr_core::voxel::VoxelGrid;
+
+    /// The mean smoothness of values of a grid at active nodes, and its gradient at all nodes.
+    fn smoothness(active: &ActiveNodes, values: &[f32], weight: f32, knee: f32) -> (f32, Vec<f32>) {
+        let values = BrickValues::<1>::dense(active, values);
+        let mut rows = vec![[[0.0]; EDGE]; values.layout().active_rows()];
+        let mean = LaplacianSmoothness::default().add_gradient(&values, &mut rows, weight, knee);
+        let mut gradient = vec![0.0; active.grid().len()];
+        for (node, found) in active.iter().zip(values.layout().of_rows(active, &rows)) {
+            gradient[node] = found;
+        }
+        (mean, gradient)
+    }
 
     #[test]
     fn the_gradient_is_that_of_differences() {
@@ -246,12 +293,8 @@ mod tests {
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         // Well within two spacings, so that differences do not move nodes over that border.
         let values: Vec<f32> = (0..grid.len()).map(|_| (rng.random::<f32>() - 0.5) * grid.spacing()).collect();
-        let mean = |values: &[f32]| {
-            let mut unused = vec![0.0; values.len()];
-            LaplacianSmoothness::default().add_gradient(values, &mut unused, &active, 1.0, 0.2)
-        };
-        let mut gradient = vec![0.0; grid.len()];
-        LaplacianSmoothness::default().add_gradient(&values, &mut gradient, &active, 1.0, 0.2);
+        let mean = |values: &[f32]| smoothness(&active, values, 1.0, 0.2).0;
+        let (_, gradient) = smoothness(&active, &values, 1.0, 0.2);
         for node in active.iter().step_by(7) {
             let at = |step: f32| {
                 let mut moved = values.clone();
@@ -273,8 +316,7 @@ mod tests {
         let grid = VoxelGrid::new(9, 0.5);
         let active = ActiveNodes::new(&grid, |node| grid.coordinates(node).iter().all(|&c| c > 0 && c < 8));
         let values: Vec<f32> = (0..grid.len()).map(|i| grid.position(i).dot(glam::Vec3::new(0.3, -0.5, 0.8))).collect();
-        let mut gradient = vec![0.0; grid.len()];
-        assert!(LaplacianSmoothness::default().add_gradient(&values, &mut gradient, &active, 1.0, 0.1) < 1e-8);
+        assert!(smoothness(&active, &values, 1.0, 0.1).0 < 1e-8);
     }
 
     #[test]
@@ -295,8 +337,7 @@ mod tests {
         let beyond = near.iter().filter(|x| x.abs() > knee).count();
         assert!(near.len() < active.count() && beyond > 10 && beyond + 10 < near.len(), "{beyond} of {}", near.len());
         let expected = near.iter().map(|&x| huber(x)).sum::<f64>() / near.len() as f64;
-        let mut gradient = vec![0.0; values.len()];
-        let found = LaplacianSmoothness::default().add_gradient(&values, &mut gradient, &active, 2.5, knee as f32);
+        let (found, _) = smoothness(&active, &values, 2.5, knee as f32);
         assert!((f64::from(found) - expected).abs() < 1e-5 * expected, "{found}, not {expected}");
         assert_eq!(SmoothnessLoss { weight: 2.5, knee }.weight(), 2.5);
     }

@@ -3,7 +3,7 @@
 use super::levels::MultiResGrid;
 use crate::color::CHANNELS;
 use crate::error::Result;
-use crate::field::{GridField, GridValues, file};
+use crate::field::{GridField, file};
 
 /// The occupancy logit at the nodes, in units of length.
 pub(crate) type ShapeGrid = MultiResGrid<1>;
@@ -31,10 +31,7 @@ impl Grids {
 
     /// The field that they make.
     pub fn field(&self) -> GridField {
-        GridField::new(
-            GridValues { grid: *self.shape.grid(), values: self.shape.values().to_vec() },
-            GridValues { grid: *self.color.grid(), values: self.color.values().to_vec() },
-        )
+        GridField::of_bricks(self.shape.values().clone(), self.color.values().clone())
     }
 
     /// The same as a checkpoint stores it.

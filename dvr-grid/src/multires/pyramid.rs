@@ -1,149 +1,169 @@
 //! Between grids of which each has half the cells of the next: interpolation up, its transpose down.
 
-use std::ops::Range;
-
+use pulp::{Arch, NullaryFnOnce};
 use rayon::prelude::*;
 
-use crate::active::ActiveNodes;
+use crate::bricks::{Brick, BrickLayout, EDGE, Row};
 
-/// Adds the trilinear interpolation of `coarse` to `fine`, at the active nodes of the fine grid; each node has `C`
-/// channels, side by side.
-///
-/// # Panics
-/// When the coarse grid has not half the cells of the fine one, or the slices are not as long as the grids.
-pub fn prolong_add<const C: usize>(coarse: &[f32], fine: &mut [f32], active: &ActiveNodes) {
-    let nodes = active.grid().nodes();
-    let coarse_nodes = nodes / 2 + 1;
-    check(coarse.len(), fine.len(), coarse_nodes, nodes, C);
-    fine.par_chunks_mut(C * nodes * nodes).enumerate().for_each(|(z, layer)| {
-        let mut blend = vec![0.0f32; C * coarse_nodes];
-        for &(start, length) in active.layer(z) {
-            let start = start as usize - z * nodes * nodes;
-            let (y, x) = (start / nodes, start % nodes);
-            let needed = C * (x / 2)..C * ((x + length as usize - 1).div_ceil(2) + 1);
-            blend_rows(coarse, C * coarse_nodes, coarse_nodes, y, z, needed, &mut blend);
-            let (values, _) = layer[C * start..C * (start + length as usize)].as_chunks_mut::<C>();
-            for (x, value) in (x..).zip(values) {
-                let (low, high) = (&blend[C * (x / 2)..], &blend[C * x.div_ceil(2)..]);
-                (0..C).for_each(|c| value[c] += 0.5 * (low[c] + high[c]));
-            }
-        }
-    });
+/// Coarse nodes along the edge of a brick of the fine grid.
+const AROUND: usize = EDGE / 2 + 1;
+
+/// Numbers at the coarse nodes that those of a brick lie between, by z, y and x.
+pub type Around<const C: usize> = [[[[f32; C]; AROUND]; AROUND]; AROUND];
+
+/// Zeros.
+pub fn nothing<const C: usize>() -> Around<C> {
+    [[[[0.0; C]; AROUND]; AROUND]; AROUND]
 }
 
-/// The coarse rows beside fine row `(y, z)`, averaged in the range that is needed.
-fn blend_rows(coarse: &[f32], width: usize, nodes: usize, y: usize, z: usize, needed: Range<usize>, blend: &mut [f32]) {
-    let row = |y: usize, z: usize| &coarse[(z * nodes + y) * width..][needed.clone()];
-    let ys = [y / 2, y.div_ceil(2)];
-    let zs = [z / 2, z.div_ceil(2)];
-    let rows = [row(ys[0], zs[0]), row(ys[1], zs[0]), row(ys[0], zs[1]), row(ys[1], zs[1])];
-    for (i, value) in blend[needed.clone()].iter_mut().enumerate() {
-        *value = 0.25 * (rows[0][i] + rows[1][i] + rows[2][i] + rows[3][i]);
+/// Writes the coarse numbers around the nodes of a brick of the fine grid; zero where no row is stored.
+#[allow(clippy::needless_range_loop, reason = "loops over lanes are compiled to vectors")]
+#[inline(always)]
+pub fn around<const C: usize>(coarse: &BrickLayout, numbers: &[Row<C>], brick: &Brick, around: &mut Around<C>) {
+    let [x, y, z] = brick.at.map(|at| at * EDGE / 2);
+    *around = nothing();
+    for dz in 0..AROUND {
+        for dy in 0..AROUND {
+            let out = &mut around[dz][dy];
+            if let Some(slot) = coarse.row(x / EDGE, y + dy, z + dz) {
+                let from = &numbers[slot][x % EDGE..];
+                let there = from.len().min(AROUND);
+                out[..there].copy_from_slice(&from[..there]);
+            }
+            if x % EDGE > 0
+                && let Some(slot) = coarse.row(x / EDGE + 1, y + dy, z + dz)
+            {
+                out[AROUND - 1] = numbers[slot][0];
+            }
+        }
     }
 }
 
-/// The transpose of [`prolong_add`]: the gradient by the coarse nodes, of a gradient by the fine ones that is zero
-/// where they are not active. Written at the active nodes of the coarse grid.
+/// Trilinear interpolation at a row of a brick, given by its y and z in the brick.
+#[inline(always)]
+pub fn interpolated<const C: usize>(around: &Around<C>, y: usize, z: usize) -> Row<C> {
+    let (ys, zs) = ([y / 2, y.div_ceil(2)], [z / 2, z.div_ceil(2)]);
+    let rows = [&around[zs[0]][ys[0]], &around[zs[0]][ys[1]], &around[zs[1]][ys[0]], &around[zs[1]][ys[1]]];
+    let mut blend = [[0.0; C]; AROUND];
+    for (x, blend) in blend.iter_mut().enumerate() {
+        for (c, blend) in blend.iter_mut().enumerate() {
+            *blend = 0.25 * (rows[0][x][c] + rows[1][x][c] + rows[2][x][c] + rows[3][x][c]);
+        }
+    }
+    let mut row = [[0.0; C]; EDGE];
+    for (x, out) in row.iter_mut().enumerate() {
+        for (c, out) in out.iter_mut().enumerate() {
+            *out = 0.5 * (blend[x / 2][c] + blend[x.div_ceil(2)][c]);
+        }
+    }
+    row
+}
+
+/// The transpose of interpolation: the gradient by the coarse nodes, of a gradient by the fine ones. Both are rows with
+/// active nodes, zero at nodes that are not.
 ///
 /// # Panics
-/// When the coarse grid has not half the cells of the fine one, or the slices are not as long as the grids.
-pub fn restrict<const C: usize>(fine: &[f32], coarse: &mut [f32], coarse_active: &ActiveNodes) {
-    let coarse_nodes = coarse_active.grid().nodes();
-    let nodes = 2 * coarse_nodes - 1;
-    check(coarse.len(), fine.len(), coarse_nodes, nodes, C);
-    coarse.par_chunks_mut(C * coarse_nodes * coarse_nodes).enumerate().for_each(|(z, layer)| {
-        let mut sum = vec![0.0f32; C * nodes];
-        for &(start, length) in coarse_active.layer(z) {
-            let start = start as usize - z * coarse_nodes * coarse_nodes;
-            let (y, x) = (start / coarse_nodes, start % coarse_nodes);
-            let needed = C * (2 * x).saturating_sub(1)..C * (2 * (x + length as usize)).min(nodes);
-            sum_rows(fine, C * nodes, nodes, y, z, needed, &mut sum);
-            let (values, _) = layer[C * start..C * (start + length as usize)].as_chunks_mut::<C>();
-            for (x, value) in (x..).zip(values) {
-                for (c, value) in value.iter_mut().enumerate() {
-                    let left = if x > 0 { sum[C * (2 * x - 1) + c] } else { 0.0 };
-                    let right = if 2 * x + 1 < nodes { sum[C * (2 * x + 1) + c] } else { 0.0 };
-                    *value = sum[C * 2 * x + c] + 0.5 * (left + right);
+/// When the coarse grid has not half the cells of the fine one, or there are not as many rows as the layouts have.
+pub fn restrict<const C: usize>(fine: &BrickLayout, of: &[Row<C>], coarse: &BrickLayout, to: &mut [Row<C>]) {
+    assert_eq!(fine.grid().cells(), 2 * coarse.grid().cells(), "the coarse grid must have half the cells");
+    assert_eq!((of.len(), to.len()), (fine.active_rows(), coarse.active_rows()), "a row per row");
+    let arch = Arch::new();
+    let tasks: Vec<_> = coarse.tasks().zip(coarse.split(to)).collect();
+    tasks.into_par_iter().for_each(|(bricks, to)| {
+        arch.dispatch(Restrict { fine, of, coarse, bricks, to });
+    });
+}
+
+/// [`restrict`] to some bricks.
+struct Restrict<'a, const C: usize> {
+    fine: &'a BrickLayout,
+    of: &'a [Row<C>],
+    coarse: &'a BrickLayout,
+    bricks: &'a [Brick],
+    to: &'a mut [Row<C>],
+}
+
+/// Compiled for each instruction set: a closure would not be.
+impl<const C: usize> NullaryFnOnce for Restrict<'_, C> {
+    type Output = ();
+
+    #[allow(clippy::needless_range_loop, reason = "loops over lanes are compiled to vectors")]
+    #[inline(always)]
+    fn call(self) {
+        let Self { fine, of, coarse, bricks, to } = self;
+        let first = bricks[0].rows().start;
+        for brick in bricks {
+            let near = Near::of(fine, brick);
+            for slot in brick.rows() {
+                let [_, y, z] = coarse.place(brick, slot);
+                let sum = near.sum(of, y % EDGE, z % EDGE);
+                let (active, mut out) = (coarse.active_lanes(slot), [[0.0; C]; EDGE]);
+                for lane in 0..EDGE {
+                    for c in 0..C {
+                        out[lane][c] = sum[lane][c] * active[lane];
+                    }
+                }
+                to[slot - first] = out;
+            }
+        }
+    }
+}
+
+/// The fine bricks in and before a coarse one, by z, y and x.
+struct Near<'a>([[[Option<&'a Brick>; 3]; 3]; 3]);
+
+impl<'a> Near<'a> {
+    fn of(fine: &'a BrickLayout, coarse: &Brick) -> Self {
+        let along = |axis: usize, by: usize| (2 * coarse.at[axis] + by).checked_sub(1).filter(|&at| at < fine.edge());
+        let brick = |x: usize, y: usize, z: usize| {
+            let index = fine.brick([along(0, x)?, along(1, y)?, along(2, z)?]).ok()?;
+            Some(&fine.bricks()[index])
+        };
+        Self(std::array::from_fn(|z| std::array::from_fn(|y| std::array::from_fn(|x| brick(x, y, z)))))
+    }
+
+    /// The weighted sum for the row at `y` and `z` of the coarse brick: along y and z first.
+    #[inline(always)]
+    fn sum<const C: usize>(&self, of: &[Row<C>], y: usize, z: usize) -> Row<C> {
+        // The last node of the brick before, and all of two bricks.
+        let (mut before, mut low, mut high) = ([0.0; C], [[0.0; C]; EDGE], [[0.0; C]; EDGE]);
+        for (dz, weight_z) in [(0, 0.5), (1, 1.0), (2, 0.5)] {
+            for (dy, weight_y) in [(0, 0.5), (1, 1.0), (2, 0.5)] {
+                let weight: f32 = weight_y * weight_z;
+                let (y, z) = (EDGE + 2 * y + dy - 1, EDGE + 2 * z + dz - 1);
+                let bricks = &self.0[z / EDGE][y / EDGE];
+                if let Some(row) = row_of(of, bricks[0], y, z) {
+                    add(&mut before, &row[EDGE - 1], weight);
+                }
+                if let Some(row) = row_of(of, bricks[1], y, z) {
+                    add(low.as_flattened_mut(), row.as_flattened(), weight);
+                }
+                if let Some(row) = row_of(of, bricks[2], y, z) {
+                    add(high.as_flattened_mut(), row.as_flattened(), weight);
                 }
             }
         }
-    });
-}
-
-/// The fine rows around coarse row `(y, z)`, weighted, in the range that is needed.
-fn sum_rows(fine: &[f32], width: usize, nodes: usize, y: usize, z: usize, needed: Range<usize>, sum: &mut [f32]) {
-    let sum = &mut sum[needed.clone()];
-    sum.fill(0.0);
-    for (dz, weight_z) in [(0, 0.5), (1, 1.0), (2, 0.5)] {
-        for (dy, weight_y) in [(0, 0.5), (1, 1.0), (2, 0.5)] {
-            let (Some(y), Some(z)) = ((2 * y + dy).checked_sub(1), (2 * z + dz).checked_sub(1)) else { continue };
-            if y >= nodes || z >= nodes {
-                continue;
-            }
-            let weight = weight_y * weight_z;
-            let row = &fine[(z * nodes + y) * width..][needed.clone()];
-            sum.iter_mut().zip(row).for_each(|(sum, value)| *sum += weight * value);
-        }
-    }
-}
-
-fn check(coarse: usize, fine: usize, coarse_nodes: usize, nodes: usize, channels: usize) {
-    assert_eq!(nodes, 2 * coarse_nodes - 1, "the coarse grid must have half the cells");
-    assert_eq!((coarse, fine), (channels * coarse_nodes.pow(3), channels * nodes.pow(3)), "values per node");
-}
-
-#[cfg(test)]
-mod tests {
-    use rand::{Rng, SeedableRng};
-    use rand_chacha::ChaCha8Rng;
-
-    use super::*;
-    use dvr_core::voxel::VoxelGrid;
-
-    fn random(count: usize, seed: u64) -> Vec<f32> {
-        let mut rng = ChaCha8Rng::seed_from_u64(seed);
-        (0..count).map(|_| rng.random::<f32>() - 0.5).collect()
-    }
-
-    fn is_interpolation<const C: usize>() {
-        let (coarse, fine) = (VoxelGrid::new(5, 0.55), VoxelGrid::new(9, 0.55));
-        let values = random(C * coarse.len(), 1);
-        let mut out = vec![1.0; C * fine.len()];
-        prolong_add::<C>(&values, &mut out, &ActiveNodes::new(&fine, |node| node % 3 != 0));
-        for channel in 0..C {
-            let one: Vec<f32> = values.iter().skip(channel).step_by(C).copied().collect();
-            for (node, &found) in out.iter().skip(channel).step_by(C).enumerate() {
-                let added = if node % 3 == 0 { 0.0 } else { coarse.value(&one, fine.position(node)) };
-                assert!((found - 1.0 - added).abs() < 1e-5, "{node}: {found}");
+        let mut sum = [[0.0; C]; 2 * EDGE + 1];
+        sum[0] = before;
+        sum[1..=EDGE].copy_from_slice(&low);
+        sum[EDGE + 1..].copy_from_slice(&high);
+        let mut row = [[0.0; C]; EDGE];
+        for (x, out) in row.iter_mut().enumerate() {
+            for (c, out) in out.iter_mut().enumerate() {
+                *out = sum[2 * x + 1][c] + 0.5 * (sum[2 * x][c] + sum[2 * x + 2][c]);
             }
         }
+        row
     }
+}
 
-    #[test]
-    fn prolongation_is_trilinear_interpolation() {
-        is_interpolation::<1>();
-        is_interpolation::<3>();
-    }
+/// The row of a brick at `y` and `z`, where it has active nodes.
+#[inline(always)]
+fn row_of<'a, const C: usize>(of: &'a [Row<C>], brick: Option<&Brick>, y: usize, z: usize) -> Option<&'a Row<C>> {
+    of.get(brick?.row(y % EDGE, z % EDGE)?)
+}
 
-    fn is_transpose<const C: usize>() {
-        let (coarse, fine) = (VoxelGrid::new(9, 0.5), VoxelGrid::new(17, 0.5));
-        let active = ActiveNodes::new(&fine, |node| node % 5 < 3);
-        let (up, mut down) = (random(C * coarse.len(), 2), random(C * fine.len(), 3));
-        let mut is_active = vec![false; fine.len()];
-        active.iter().for_each(|node| is_active[node] = true);
-        down.iter_mut().enumerate().filter(|(i, _)| !is_active[i / C]).for_each(|(_, value)| *value = 0.0);
-        let mut prolonged = vec![0.0; C * fine.len()];
-        prolong_add::<C>(&up, &mut prolonged, &active);
-        let mut restricted = vec![0.0; C * coarse.len()];
-        restrict::<C>(&down, &mut restricted, &active.coarser());
-        let dot = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| f64::from(a * b)).sum::<f64>();
-        let (left, right) = (dot(&prolonged, &down), dot(&up, &restricted));
-        assert!((left - right).abs() < 1e-4 * left.abs().max(1.0), "{left} {right}");
-    }
-
-    #[test]
-    fn restriction_is_its_transpose() {
-        is_transpose::<1>();
-        is_transpose::<3>();
-    }
+#[inline(always)]
+fn add(sum: &mut [f32], row: &[f32], weight: f32) {
+    sum.iter_mut().zip(row).for_each(|(sum, value)| *sum += weight * value);
 }

@@ -1,7 +1,7 @@
 //! Where a run starts: the visual hull as a distance at the nodes of a grid.
 
 use crate::active::ActiveNodes;
-use crate::multires::prolong_add;
+use crate::bricks::BrickValues;
 use dvr_core::hull::{MaskDistance, hull_distance};
 use dvr_core::voxel::VoxelGrid;
 use dvr_core::{Cancellation, Cancelled};
@@ -16,18 +16,17 @@ const REACH: f32 = 0.1;
 /// Cells around the hull in which the surface may move.
 const BAND_CELLS: f32 = 2.5;
 
-/// Adds to `values` what the hull's distance at the active nodes adds to what is interpolated of it from
-/// every second node: the detail of outlines, for values that come from a grid of half the cells.
+/// What the hull's distance at the active nodes adds to what is interpolated of it from every second node, in their
+/// order: the detail of outlines, for values that come from a grid of half the cells.
 ///
 /// # Errors
 /// [`Cancelled`] where somebody wants it to end.
-pub(crate) fn add_hull_detail(
+pub(crate) fn hull_detail(
     masks: &[MaskDistance],
     active: &ActiveNodes,
     disagreeing: usize,
-    values: &mut [f32],
     cancellation: &Cancellation,
-) -> Result<(), Cancelled> {
+) -> Result<Vec<f32>, Cancelled> {
     let distances = |active: &ActiveNodes| -> Result<Vec<f32>, Cancelled> {
         let grid = active.grid();
         let nodes: Vec<usize> = active.iter().collect();
@@ -35,16 +34,16 @@ pub(crate) fn add_hull_detail(
             cancellation.check()?;
             Ok(hull_distance(masks, grid.position(node), REACH, disagreeing))
         };
-        let found: Vec<f32> = nodes.par_iter().map(distance).collect::<Result<_, Cancelled>>()?;
-        let mut distances = vec![0.0; grid.len()];
-        nodes.iter().zip(found).for_each(|(&node, distance)| distances[node] = distance);
-        Ok(distances)
+        nodes.par_iter().map(distance).collect()
     };
-    let mut interpolated = vec![0.0; values.len()];
-    prolong_add::<1>(&distances(&active.coarser())?, &mut interpolated, active);
-    let exact = distances(active)?;
-    active.iter().for_each(|node| values[node] += exact[node] - interpolated[node]);
-    Ok(())
+    let coarser = active.coarser();
+    let coarse = BrickValues::<1>::of_active(&coarser, &distances(&coarser)?);
+    let mut detail = distances(active)?;
+    let nodes: Vec<usize> = active.iter().collect();
+    detail.par_iter_mut().zip(&nodes).with_min_len(1 << 12).for_each(|(detail, &node)| {
+        *detail -= coarse.between(active.grid().coordinates(node))[0];
+    });
+    Ok(detail)
 }
 
 /// Distance to the hull at every node (positive inside), and the nodes at which the shape may change: the hull and a

@@ -8,5 +8,5 @@ mod plane_sweep;
 mod silhouettes;
 mod space_carving;
 
-pub(crate) use hull::{add_hull_detail, hull_start};
+pub(crate) use hull::{hull_detail, hull_start};
 pub(crate) use space_carving::{CARVING_CELLS, CARVING_NODE, SpaceCarving};

@@ -228,8 +228,7 @@ mod tests {
         let field = trainer.field().unwrap();
         // The bowl's axis is y, turned like this; its rim is at .18, its floor between -.18 and -.1.
         let turn = Quat::from_euler(EulerRot::XYZ, 0.5, 0.3, 0.2);
-        let shape = field.shape();
-        [0.06, -0.15].map(|y| shape.grid.value(&shape.values, turn * Vec3::new(0.0, y, 0.0)))
+        [0.06, -0.15].map(|y| field.logit_at(turn * Vec3::new(0.0, y, 0.0)))
     }
 
     #[test]

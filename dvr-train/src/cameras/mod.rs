@@ -122,7 +122,7 @@ fn moved_cameras(
     while done < rounds {
         let phase = usize::from(done >= COARSE_ROUNDS);
         let Coarse { field, .. } = coarse(scene, config, CELLS[phase], cancellation)?;
-        let spacing = f64::from(field.shape().grid.spacing());
+        let spacing = f64::from(field.shape_grid().spacing());
         let aligned: Vec<Aligned> = (scene.views.par_iter().zip(given).zip(&marks))
             .map(|((view, given), marks)| {
                 cancellation.check()?;

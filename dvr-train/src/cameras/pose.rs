@@ -181,21 +181,21 @@ fn deviation(residuals: &[Residual]) -> f64 {
 
 /// Pixels between the outline of the field and that of the mask, at pixels along it.
 fn outline_residuals(camera: &Camera, marks: &Marks, field: &GridField) -> Vec<Residual> {
-    let (shape, focal) = (field.shape(), camera.intrinsics.x_axis.x);
+    let (grid, focal) = (field.shape_grid(), camera.intrinsics.x_axis.x);
     let residual = |&(u, v, expected): &(u32, u32, f32)| {
         let ray = camera.pixel_ray(u, v);
         let (origin, direction) = (ray.origin.as_vec3(), ray.direction.as_vec3());
         let mut largest = (f32::NEG_INFINITY, 0.0);
-        for segment in VoxelTraversal::new(&shape.grid, origin, direction, 0.0, f32::INFINITY)? {
+        for segment in VoxelTraversal::new(grid, origin, direction, 0.0, f32::INFINITY)? {
             for depth in [segment.enter, 0.5 * (segment.enter + segment.leave)] {
-                let value = shape.grid.value(&shape.values, origin + depth * direction);
+                let value = field.logit_at(origin + depth * direction);
                 if value > largest.0 {
                     largest = (value, depth);
                 }
             }
         }
         let point = origin + largest.1 * direction;
-        let (value, gradient) = shape.grid.value_and_gradient(&shape.values, point);
+        let (value, gradient) = field.logit_and_gradient_at(point);
         let steepness = f64::from(gradient.length());
         if steepness < 0.1 {
             return None;

@@ -7,14 +7,13 @@ use rayon::prelude::*;
 
 use super::gather::{gather_color, gather_shape};
 use super::rays::{RayContext, RayGradient};
-use crate::active::ActiveNodes;
+use crate::bricks::BrickOccupancy;
 use crate::clock::Part;
 use crate::color;
 use crate::error::Result;
 use crate::losses::LossSums;
 use crate::losses::smoothness::LaplacianSmoothness;
 use crate::multires::Grids;
-use crate::occupancy::OccupancyBitmask;
 use crate::step::backend::{COLOR_REST, StepBackend, StepInput};
 use crate::step::draw::draw;
 use crate::surface::Surface;
@@ -26,21 +25,13 @@ const CHUNK: usize = 64;
 /// The grids, and what follows from them.
 pub(crate) struct CpuBackend {
     grids: Grids,
-    shape_active: Vec<bool>,
-    color_active: Vec<bool>,
-    bitmask: OccupancyBitmask,
+    occupancy: BrickOccupancy,
     smoothness: LaplacianSmoothness,
 }
 
 impl CpuBackend {
     pub fn new(grids: Grids) -> Self {
-        Self {
-            shape_active: membership(grids.shape.active()),
-            color_active: membership(grids.color.active()),
-            bitmask: OccupancyBitmask::new(grids.shape.grid(), grids.shape.values()),
-            smoothness: LaplacianSmoothness::default(),
-            grids,
-        }
+        Self { occupancy: BrickOccupancy::new(grids.shape.values()), smoothness: LaplacianSmoothness::default(), grids }
     }
 
     /// Field and photographs as rays see them.
@@ -48,10 +39,8 @@ impl CpuBackend {
         let Grids { shape, color } = &self.grids;
         RayContext {
             views: input.views,
-            surface: Surface { grid: shape.grid(), values: shape.values(), bitmask: &self.bitmask },
-            active: &self.shape_active,
-            colors: color.grid(),
-            color_values: color.values(),
+            surface: Surface::of(shape.values(), &self.occupancy),
+            colors: color.values(),
             losses: &input.config.losses,
             compared_views: input.config.compared_views,
             slope_rule: input.slope_rule,
@@ -85,22 +74,24 @@ impl CpuBackend {
         let (ray_gradients, mut sums) = self.ray_gradients(&input);
         input.times.lap(Part::Rays, &mut start);
         let Grids { shape, color } = &mut self.grids;
-        let (_, gradient, active) = color.values_and_gradient_mut();
-        gather_color(&ray_gradients, active, &self.color_active, gradient);
-        let (values, gradient, active) = shape.values_and_gradient_mut();
-        gather_shape(&ray_gradients, active, &self.shape_active, gradient);
+        let ((colors, color_gradient), (values, gradient)) =
+            (color.values_and_gradient_mut(), shape.values_and_gradient_mut());
+        rayon::join(
+            || gather_color(&ray_gradients, colors.layout(), color_gradient),
+            || gather_shape(&ray_gradients, values.layout(), gradient),
+        );
         input.times.lap(Part::Gather, &mut start);
         let loss = &input.config.losses.smoothness;
         if loss.weight > 0.0 {
             let (weight, knee) = (input.smoothness_weight(), loss.knee as f32);
-            sums.smoothness = self.smoothness.add_gradient(values, gradient, active, weight, knee).into();
+            sums.smoothness = self.smoothness.add_gradient(values, gradient, weight, knee).into();
         }
         input.times.lap(Part::LaplacianSmoothness, &mut start);
         color.pull_towards(color::constant(input.mean_color), COLOR_REST);
         shape.step(|level| input.shape_rate(level));
         color.step(|level| input.color_rate(level));
         input.times.lap(Part::MultiResGrid, &mut start);
-        self.bitmask.update(shape.values(), shape.active());
+        self.occupancy.update(shape.values());
         input.times.lap(Part::OccupancyBitmask, &mut start);
         sums
     }
@@ -133,11 +124,4 @@ impl StepBackend for CpuBackend {
     fn parameters(&self) -> usize {
         self.grids.parameters()
     }
-}
-
-/// Whether each node of the grid is in the set.
-fn membership(active: &ActiveNodes) -> Vec<bool> {
-    let mut member = vec![false; active.grid().len()];
-    active.iter().for_each(|node| member[node] = true);
-    member
 }

@@ -1,79 +1,58 @@
-//! From ray gradients at points to gradients at nodes.
+//! From gradients at points to gradients at nodes.
 
-use crate::active::ActiveNodes;
-use dvr_core::voxel::{Cell, VoxelGrid};
+use dvr_core::voxel::Cell;
 use rayon::prelude::*;
 
 use super::rays::RayGradient;
+use crate::bricks::{BrickLayout, EDGE, Row};
 use crate::color::CHANNELS;
 
-/// Layers of nodes that one task gathers.
-const LAYERS: usize = 4;
+/// Rows that one task clears, and ray gradients whose nodes one task looks up.
+const CHUNK: usize = 1 << 10;
 
-/// Adds up the ray gradients by the shape at each active node; `gradient` is overwritten there.
-///
-/// Each task owns some layers and reads all ray gradients, so sums have one order whatever the threads do.
-pub(crate) fn gather_shape(
-    ray_gradients: &[RayGradient],
-    active: &ActiveNodes,
-    is_active: &[bool],
-    gradient: &mut [f32],
-) {
-    gather::<1>(
-        ray_gradients,
-        active,
-        is_active,
-        gradient,
-        |ray_gradient| ray_gradient.shape_cell,
-        |ray_gradient| ray_gradient.shape_cell.weights().map(|weight| [weight * ray_gradient.grad_value]),
-    );
+/// Where nothing is added.
+const NONE: u32 = u32::MAX;
+
+/// Adds up the ray gradients by the shape at each active node; `gradient`, of the rows with active nodes, is
+/// overwritten.
+pub(crate) fn gather_shape(ray_gradients: &[RayGradient], layout: &BrickLayout, gradient: &mut [Row<1>]) {
+    let corners =
+        |ray_gradient: &RayGradient| ray_gradient.shape_cell.weights().map(|weight| [weight * ray_gradient.grad_value]);
+    gather::<1>(ray_gradients, layout, gradient, |ray_gradient| ray_gradient.shape_cell, corners);
 }
 
 /// The same for the colour.
-pub(crate) fn gather_color(
-    ray_gradients: &[RayGradient],
-    active: &ActiveNodes,
-    is_active: &[bool],
-    gradient: &mut [f32],
-) {
+pub(crate) fn gather_color(ray_gradients: &[RayGradient], layout: &BrickLayout, gradient: &mut [Row<CHANNELS>]) {
     let corners = |ray_gradient: &RayGradient| {
         ray_gradient.color_cell.weights().map(|weight| ray_gradient.grad_color.map(|gradient| weight * gradient))
     };
-    gather::<CHANNELS>(ray_gradients, active, is_active, gradient, |ray_gradient| ray_gradient.color_cell, corners);
+    gather::<CHANNELS>(ray_gradients, layout, gradient, |ray_gradient| ray_gradient.color_cell, corners);
 }
 
+/// Nodes are looked up in parallel, and added to one ray after the other: sums have one order whatever the threads do.
 fn gather<const C: usize>(
     ray_gradients: &[RayGradient],
-    active: &ActiveNodes,
-    is_active: &[bool],
-    gradient: &mut [f32],
+    layout: &BrickLayout,
+    gradient: &mut [Row<C>],
     cell: impl Fn(&RayGradient) -> Cell + Sync,
-    corners: impl Fn(&RayGradient) -> [[f32; C]; 8] + Sync,
+    corners: impl Fn(&RayGradient) -> [[f32; C]; 8],
 ) {
-    let grid: &VoxelGrid = active.grid();
-    let plane = grid.nodes() * grid.nodes();
-    let offsets = grid.corner_offsets();
-    gradient.par_chunks_mut(LAYERS * plane * C).enumerate().for_each(|(task, gradient)| {
-        let layer = task * LAYERS;
-        let nodes = layer * plane..layer * plane + gradient.len() / C;
-        for z in layer..(layer + LAYERS).min(grid.nodes()) {
-            for &(start, length) in active.layer(z) {
-                let start = (start as usize - nodes.start) * C;
-                gradient[start..start + length as usize * C].fill(0.0);
-            }
+    let places = |ray_gradient: &RayGradient| -> [u32; 8] {
+        let [x, y, z] = layout.grid().coordinates(cell(ray_gradient).node);
+        std::array::from_fn(|corner| {
+            let at = [x + (corner & 1), y + (corner >> 1 & 1), z + (corner >> 2)];
+            layout.active_slot(at).map_or(NONE, |(slot, lane)| (slot * EDGE + lane) as u32)
+        })
+    };
+    let (places, ()) = rayon::join(
+        || ray_gradients.par_iter().with_min_len(CHUNK).map(places).collect::<Vec<_>>(),
+        || gradient.par_chunks_mut(CHUNK).for_each(|rows| rows.fill([[0.0; C]; EDGE])),
+    );
+    let gradient = gradient.as_flattened_mut();
+    for (ray_gradient, places) in ray_gradients.iter().zip(&places) {
+        for (&place, value) in places.iter().zip(corners(ray_gradient)).filter(|(place, _)| **place != NONE) {
+            let at = &mut gradient[place as usize];
+            (0..C).for_each(|c| at[c] += value[c]);
         }
-        for ray_gradient in ray_gradients {
-            let first = cell(ray_gradient).node;
-            if first + offsets[7] < nodes.start || first >= nodes.end {
-                continue;
-            }
-            for (offset, value) in offsets.iter().zip(corners(ray_gradient)) {
-                let node = first + offset;
-                if nodes.contains(&node) && is_active[node] {
-                    let at = (node - nodes.start) * C;
-                    (0..C).for_each(|c| gradient[at + c] += value[c]);
-                }
-            }
-        }
-    });
+    }
 }

@@ -1,9 +1,10 @@
 //! What one ray says of the field: losses and their analytic gradients, at one point of the field at most.
 
-use dvr_core::voxel::{Cell, VoxelGrid, VoxelTraversal};
+use dvr_core::voxel::{Cell, VoxelTraversal};
 use dvr_render::SlopeRule;
 use glam::Vec3;
 
+use crate::bricks::BrickValues;
 use crate::color::{self, CHANNELS};
 use crate::losses::term::{Comparison, SurfaceGradient, SurfaceHit};
 use crate::losses::{GridLosses, LossSums};
@@ -27,9 +28,7 @@ pub(crate) struct RayGradient {
 pub(crate) struct RayContext<'a> {
     pub views: &'a [TrainingView<'a>],
     pub surface: Surface<'a>,
-    pub active: &'a [bool],
-    pub colors: &'a VoxelGrid,
-    pub color_values: &'a [f32],
+    pub colors: &'a BrickValues<CHANNELS>,
     pub losses: &'a GridLosses,
     pub compared_views: usize,
     pub slope_rule: SlopeRule,
@@ -62,9 +61,9 @@ impl<'a> RayContext<'a> {
         let direction = pixel.direction;
         let point = origin + depth * direction;
         let at = self.surface.at(point);
-        let color_cell = self.colors.locate(point);
+        let color_cell = self.colors.grid().locate(point);
         let viewing = Some(direction.normalize());
-        let color = color::sample(self.colors, self.color_values, &color_cell, direction, viewing);
+        let color = color::sample(self.colors, &color_cell, direction, viewing);
         let hit = SurfaceHit { pixel, origin, depth, point, inward: at.inward, color };
 
         let mut found = SurfaceGradient::default();
@@ -110,15 +109,12 @@ impl<'a> RayContext<'a> {
     ) -> Option<RayGradient> {
         let (mut largest, mut at) = (f32::NEG_INFINITY, None);
         let Surface { grid, values, .. } = self.surface;
-        let plane = grid.nodes() * grid.nodes();
         for segment in VoxelTraversal::new(grid, origin, pixel.direction, from, f32::INFINITY)? {
-            let [x, y, z] = segment.cell;
-            let node = z * plane + y * grid.nodes() + x;
-            if !self.active[node] {
+            if values.layout().active_slot(segment.cell).is_none() {
                 continue;
             }
             let point = origin + 0.5 * (segment.enter + segment.leave) * pixel.direction;
-            let value = grid.value(values, point);
+            let value = values.value(point);
             if value > largest {
                 (largest, at) = (value, Some(point));
             }
@@ -126,7 +122,7 @@ impl<'a> RayContext<'a> {
         let point = at?;
         Some(RayGradient {
             shape_cell: grid.locate(point),
-            color_cell: self.colors.locate(point),
+            color_cell: self.colors.grid().locate(point),
             grad_value: self.losses.silhouette(largest, sign, sums),
             grad_color: [0.0; CHANNELS],
         })

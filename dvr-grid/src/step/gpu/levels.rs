@@ -42,9 +42,8 @@ impl GpuGrid {
     pub fn new<const C: usize>(buffers: &Buffers, given: &MultiResGrid<C>) -> Result<Self, DeviceError> {
         let (channels, state) = (C, given.state());
         // Of the active nodes alone, in their order.
-        let mut base: Vec<f32> =
-            given.active().iter().flat_map(|node| &given.base()[C * node..C * (node + 1)]).copied().collect();
-        let mut values = given.values().to_vec();
+        let mut base = given.base();
+        let mut values = given.values().to_dense();
         let given_levels: Vec<(usize, Vec<u32>)> =
             given.node_sets().map(|set| (set.grid().nodes(), set.iter().map(|node| node as u32).collect())).collect();
         let steps = state.first().copied().unwrap_or_default() as i32;

@@ -37,9 +37,10 @@ impl Stage {
         let Grids { shape, color } = grids;
         let nodes = shape.grid().nodes();
         let active: Vec<u32> = shape.active().iter().map(|node| node as u32).collect();
-        let region = region(nodes, &active, shape.values());
+        let values = shape.values().to_dense();
+        let region = region(nodes, &active, &values);
         let (words, slots) = (nodes.div_ceil(32), active.len());
-        let inside = buffers.words("signs of nodes", bits(nodes, shape.values()))?;
+        let inside = buffers.words("signs of nodes", bits(nodes, &values))?;
         let stage = Self {
             half_extent: shape.grid().half_extent(),
             region,

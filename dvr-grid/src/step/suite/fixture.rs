@@ -114,18 +114,18 @@ impl Fixture {
         let eyes = [DVec3::new(0.0, 0.0, -1.6), DVec3::new(0.3, 0.1, -1.57), DVec3::new(-0.25, 0.2, -1.56)];
         let grids = |_: &[MaskDistance]| {
             let (shape, colors) = (VoxelGrid::new(33, 0.55), VoxelGrid::new(17, 0.55));
-            let values = (0..shape.len()).map(|i| radius - shape.position(i).length()).collect();
+            let values: Vec<f32> = (0..shape.len()).map(|i| radius - shape.position(i).length()).collect();
             let color = |i: usize| {
                 let painted = paint(0.98 * colors.position(i).as_dvec3());
                 color::constant(painted.map(|c| 0.1 + 0.7 * c as f32))
             };
-            let color_values = (0..colors.len()).flat_map(color).collect();
+            let color_values: Vec<f32> = (0..colors.len()).flat_map(color).collect();
             let inner = |grid: &VoxelGrid| {
                 let last = grid.nodes() - 1;
                 ActiveNodes::new(grid, |node| grid.coordinates(node).iter().all(|&c| c > 0 && c < last))
             };
             let (active, colored) = (inner(&shape), inner(&colors));
-            Grids { shape: ShapeGrid::new(active, values, 0), color: ColorGrid::new(colored, color_values, 0) }
+            Grids { shape: ShapeGrid::new(active, &values, 0), color: ColorGrid::new(colored, &color_values, 0) }
         };
         let config = GridConfig { rays: 1, losses, ..GridConfig::new(Supervision::RgbDepth) };
         let mut fixture = Self::new(eyes.into_iter(), paint, config, grids);
@@ -147,10 +147,10 @@ impl Fixture {
             for node in active.iter() {
                 base[node] += noise * grid.spacing() * (mix(node as u64) as f32 / u64::MAX as f32 - 0.5);
             }
-            let shape = ShapeGrid::new(active, base, 2);
+            let shape = ShapeGrid::new(active, &base, 2);
             let colored = shape.active().coarser();
             let gray = vec![0.5; CHANNELS * colored.grid().len()];
-            Grids { shape, color: ColorGrid::new(colored, gray, 1) }
+            Grids { shape, color: ColorGrid::new(colored, &gray, 1) }
         };
         let config = GridConfig {
             rays,
@@ -195,8 +195,8 @@ impl Fixture {
     /// The grids with all values of the shape raised.
     pub fn raised(&self, change: f32) -> Grids {
         let mut grids = self.grids.clone();
-        let values = grids.shape.values().iter().map(|value| value + change).collect();
-        grids.shape = ShapeGrid::new(grids.shape.active().clone(), values, 0);
+        let values: Vec<f32> = grids.shape.values().to_dense().iter().map(|value| value + change).collect();
+        grids.shape = ShapeGrid::new(grids.shape.active().clone(), &values, 0);
         grids
     }
 
@@ -204,8 +204,8 @@ impl Fixture {
     pub fn tinted(&self, channel: usize, change: f32) -> Grids {
         let mut grids = self.grids.clone();
         let raised = |(i, value): (usize, &f32)| value + if i % CHANNELS == channel { change } else { 0.0 };
-        let values = grids.color.values().iter().enumerate().map(raised).collect();
-        grids.color = ColorGrid::new(grids.color.active().clone(), values, 0);
+        let values: Vec<f32> = grids.color.values().to_dense().iter().enumerate().map(raised).collect();
+        grids.color = ColorGrid::new(grids.color.active().clone(), &values, 0);
         grids
     }
 }

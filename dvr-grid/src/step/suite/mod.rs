@@ -15,7 +15,7 @@ use glam::Vec3;
 use crate::clock::PartTimes;
 use crate::color::CHANNELS;
 use crate::losses::{GridLosses, LossSums};
-use crate::multires::Grids;
+use crate::multires::{Grids, MultiResGrid};
 use crate::step::backend::StepBackend;
 use crate::step::cpu::CpuBackend;
 use crate::step::draw::draw;
@@ -60,10 +60,12 @@ impl Inspected for CpuBackend {
 
     fn gradients(&self) -> [Vec<f32>; 2] {
         let mut grids = self.grids().unwrap().into_owned();
-        let (_, gradient, active) = grids.shape.values_and_gradient_mut();
-        let shape = active.iter().map(|node| gradient[node]).collect();
-        let (_, gradient, active) = grids.color.values_and_gradient_mut();
-        let color = active.iter().flat_map(|node| &gradient[CHANNELS * node..CHANNELS * (node + 1)]).copied().collect();
+        fn taken<const C: usize>(grid: &mut MultiResGrid<C>) -> Vec<f32> {
+            let active = grid.active().clone();
+            let (values, gradient) = grid.values_and_gradient_mut();
+            values.layout().of_rows(&active, gradient)
+        }
+        let (shape, color) = (taken(&mut grids.shape), taken(&mut grids.color));
         [shape, color]
     }
 }
