@@ -1,8 +1,8 @@
 //! What a run of the grid takes of main memory, estimated before it starts.
 //!
 //! The estimate is meant to lie above the truth. Measured peaks of whole processes (photographs of 48 to 150 views, two
-//! threads) were 196 to 431 MB with 128 cells and 830 to 1070 MB with 256, of which up to 240 MB are photographs and the
-//! program itself.
+//! threads, dense grids) were 196 to 431 MB with 128 cells, of which up to 240 MB are photographs and the program itself;
+//! with 256 cells the demo scene took 445 MB in bricks. What more cells take is scaled from that.
 
 use dvr_core::View;
 
