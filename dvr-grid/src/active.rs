@@ -128,6 +128,30 @@ impl ActiveNodes {
 }
 
 #[cfg(test)]
+impl ActiveNodes {
+    /// The slow reference of `bricks::near_refined_surface`: all values are given, and every node asks all others within
+    /// reach.
+    pub(crate) fn near_surface(grid: &VoxelGrid, values: &[f32], reach: usize) -> Self {
+        let nodes = grid.nodes();
+        let strides = [1, nodes, nodes * nodes];
+        let changes = |node: usize| {
+            let is_other = |stride: usize| (values[node + stride] >= 0.0) != (values[node] >= 0.0);
+            grid.coordinates(node).into_iter().zip(strides).any(|(at, stride)| at + 1 < nodes && is_other(stride))
+        };
+        let mut near: Vec<bool> = (0..grid.len()).map(changes).collect();
+        for stride in strides {
+            let before = near.clone();
+            for (node, near) in near.iter_mut().enumerate() {
+                let at = node / stride % nodes;
+                let mut within = at.saturating_sub(reach + 1)..=(at + reach).min(nodes - 1);
+                *near = within.any(|other| before[node + other * stride - at * stride]);
+            }
+        }
+        Self::new(grid, |node| near[node] && grid.coordinates(node).iter().all(|&c| c > 0 && c + 1 < nodes))
+    }
+}
+
+#[cfg(test)]
 mod tests {
     use super::*;
 

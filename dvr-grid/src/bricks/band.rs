@@ -115,26 +115,6 @@ mod tests {
 
     use super::*;
 
-    /// The slow reference: all values, and every node asks all others within reach.
-    fn of_dense(grid: &VoxelGrid, values: &[f32], reach: usize) -> ActiveNodes {
-        let nodes = grid.nodes();
-        let strides = [1, nodes, nodes * nodes];
-        let changes = |node: usize| {
-            let is_other = |stride: usize| (values[node + stride] >= 0.0) != (values[node] >= 0.0);
-            grid.coordinates(node).into_iter().zip(strides).any(|(at, stride)| at + 1 < nodes && is_other(stride))
-        };
-        let mut near: Vec<bool> = (0..grid.len()).map(changes).collect();
-        for stride in strides {
-            let before = near.clone();
-            for (node, near) in near.iter_mut().enumerate() {
-                let at = node / stride % nodes;
-                let mut within = at.saturating_sub(reach + 1)..=(at + reach).min(nodes - 1);
-                *near = within.any(|other| before[node + other * stride - at * stride]);
-            }
-        }
-        ActiveNodes::new(grid, |node| near[node] && grid.coordinates(node).iter().all(|&c| c > 0 && c + 1 < nodes))
-    }
-
     #[test]
     fn the_band_is_that_of_all_values_whatever_the_field() {
         let mut rng = ChaCha8Rng::seed_from_u64(8);
@@ -154,7 +134,7 @@ mod tests {
                 let coarser = BrickValues::<1>::of_grid(&coarse, &values);
                 let all: Vec<f32> = (0..fine.len()).map(|node| coarser.between(fine.coordinates(node))[0]).collect();
                 let found = near_refined_surface(&fine, &coarser, reach);
-                assert_eq!(found, of_dense(&fine, &all, reach), "{cells} cells, field {index}");
+                assert_eq!(found, ActiveNodes::near_surface(&fine, &all, reach), "{cells} cells, field {index}");
                 assert_eq!(found.count() == 0, index > 2);
             }
         }

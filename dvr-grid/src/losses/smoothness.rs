@@ -266,11 +266,14 @@ pub(crate) mod gpu {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
     use rand::{Rng, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 
     use super::*;
     use crate::active::ActiveNodes;
+    use crate::bricks::near_refined_surface;
     use dvr_core::voxel::VoxelGrid;
 
     /// The mean smoothness of values of a grid at active nodes, and its gradient at all nodes.
@@ -308,6 +311,27 @@ mod tests {
                 "{node}: {difference} {}",
                 gradient[node]
             );
+        }
+    }
+
+    #[test]
+    fn in_a_band_it_is_that_of_all_nodes_stored() {
+        let (coarse, fine) = (VoxelGrid::new(33, 0.55), VoxelGrid::new(65, 0.55));
+        let mut rng = ChaCha8Rng::seed_from_u64(4);
+        // The second ball leaves the cube through its border.
+        for middle in [0.05, 0.4] {
+            let distance = |node| 0.3 - (coarse.position(node) - glam::Vec3::new(middle, 0.02, 0.0)).length();
+            let learned: Vec<f32> = (0..coarse.len()).map(|node| distance(node) + 0.01 * rng.random::<f32>()).collect();
+            let learned = Arc::new(BrickValues::of_grid(&coarse, &learned));
+            let active = near_refined_surface(&fine, &learned, 3);
+            let band = BrickValues::<1>::refined(&active, learned);
+            assert!(2 * EDGE * band.layout().stored_rows() < fine.len());
+            let mut rows = vec![[[0.0]; EDGE]; band.layout().active_rows()];
+            let mean = LaplacianSmoothness::default().add_gradient(&band, &mut rows, 1.0, 0.05);
+            let (expected_mean, expected) = smoothness(&active, &band.to_dense(), 1.0, 0.05);
+            assert!(mean > 0.0 && (mean - expected_mean).abs() < 1e-6 * mean, "{mean} {expected_mean}");
+            let found = band.layout().of_rows(&active, &rows);
+            assert!(active.iter().zip(found).all(|(node, found)| found == expected[node]), "bit for bit");
         }
     }
 

@@ -1,5 +1,6 @@
 //! The reference in tests: levels on dense grids, every node of them.
 
+use dvr_core::voxel::VoxelGrid;
 use pulp::NullaryFnOnce;
 
 use super::adam::{Adam, AdamStep};
@@ -44,12 +45,37 @@ impl<const C: usize> Levels<C> {
             self.levels[i].gradient = fine;
         }
         self.steps += 1;
+        self.descend(Some(rates));
+    }
+
+    /// The counterpart of [`super::MultiResGrid::refined`].
+    pub fn refined(&self, active: ActiveNodes, base: Vec<f32>) -> Self {
+        let mut refined = Self::new(active, base, self.levels.len());
+        let finest = refined.levels.len() - 1;
+        for i in (0..finest).rev() {
+            let Level { active, parameters, moments, .. } = &self.levels[i];
+            let level = &mut refined.levels[i];
+            level.active = ActiveNodes::union(&level.active, active);
+            (level.parameters, level.moments) = (parameters.clone(), moments.clone());
+            if let Some(coarser) = i.checked_sub(1) {
+                refined.levels[coarser].active = refined.levels[i].active.coarser();
+            }
+        }
+        refined.steps = self.steps;
+        refined.descend(None::<fn(usize) -> f32>);
+        refined
+    }
+
+    fn descend(&mut self, rates: Option<impl Fn(usize) -> f32>) {
+        let last = self.levels.len() - 1;
         for i in 0..=last {
-            let step =
-                AdamStep { learning_rate: rates(i), beta1: BETA1, beta2: BETA2, epsilon: EPSILON, step: self.steps };
             let (coarser, level) = self.levels.split_at_mut(i);
             let Level { active, parameters, moments: [first, second], gradient, sum } = &mut level[0];
-            Adam { parameters, gradient, first, second, settings: &step }.call();
+            if let Some(rates) = &rates {
+                let (beta1, beta2, epsilon) = (BETA1, BETA2, EPSILON);
+                let settings = AdamStep { learning_rate: rates(i), beta1, beta2, epsilon, step: self.steps };
+                Adam { parameters, gradient, first, second, settings: &settings }.call();
+            }
             let target = if i == last { &mut self.values } else { sum };
             for node in active.iter() {
                 for at in C * node..C * (node + 1) {
@@ -61,6 +87,13 @@ impl<const C: usize> Levels<C> {
             }
         }
     }
+}
+
+/// The trilinear interpolation of `coarse` at all nodes of a grid of twice the cells.
+pub(super) fn prolonged<const C: usize>(coarse: &[f32], fine: &VoxelGrid) -> Vec<f32> {
+    let mut prolonged = vec![0.0; C * fine.len()];
+    prolong_add::<C>(coarse, &mut prolonged, &ActiveNodes::new(fine, |_| true));
+    prolonged
 }
 
 /// Along one axis: the coarse nodes that a fine one lies between.
@@ -108,8 +141,6 @@ fn restrict<const C: usize>(fine: &[f32], coarse: &mut [f32], active: &ActiveNod
 
 #[cfg(test)]
 mod tests {
-    use dvr_core::voxel::VoxelGrid;
-
     use super::*;
 
     fn numbers(count: usize, factor: f32) -> Vec<f32> {
@@ -120,8 +151,7 @@ mod tests {
     fn interpolation_is_trilinear_and_its_transpose_its_transpose() {
         let (coarse, fine) = (VoxelGrid::new(9, 0.55), VoxelGrid::new(17, 0.55));
         let (up, down) = (numbers(3 * coarse.len(), 0.7), numbers(3 * fine.len(), 1.3));
-        let (mut prolonged, mut restricted) = (vec![0.0; down.len()], vec![0.0; up.len()]);
-        prolong_add::<3>(&up, &mut prolonged, &ActiveNodes::new(&fine, |_| true));
+        let (prolonged, mut restricted) = (prolonged::<3>(&up, &fine), vec![0.0; up.len()]);
         restrict::<3>(&down, &mut restricted, &ActiveNodes::new(&coarse, |_| true));
         let green: Vec<f32> = up.iter().skip(1).step_by(3).copied().collect();
         for node in 0..fine.len() {

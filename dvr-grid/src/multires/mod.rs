@@ -6,6 +6,8 @@ mod dense;
 mod grids;
 mod levels;
 mod pyramid;
+#[cfg(test)]
+mod stages;
 
 pub(crate) use grids::{ColorGrid, Grids, ShapeGrid};
 #[cfg(any(test, feature = "gpu"))]
