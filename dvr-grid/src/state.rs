@@ -39,6 +39,9 @@ fn broken(problem: impl std::fmt::Display) -> Error {
 pub(crate) const PRESENT: [&str; 2] = ["shape", "color"];
 pub(crate) const KEPT: [&str; 2] = ["kept_shape", "kept_color"];
 
+/// Names of what the stages before the present one learned.
+const LEARNED: [&str; 2] = ["shape_learned", "color_learned"];
+
 /// Everything as bytes.
 pub(crate) fn to_bytes(progress: &Progress, present: &Grids, kept: Option<&Grids>) -> Result<Vec<u8>> {
     let named = [(PRESENT, Some(present)), (KEPT, kept)];
@@ -50,9 +53,10 @@ pub(crate) fn to_bytes(progress: &Progress, present: &Grids, kept: Option<&Grids
         let Some(Grids { shape, color }) = grids else { continue };
         add(names[0].into(), shape.state());
         add(names[1].into(), color.state());
-        for (name, learned) in [(names[0], shape.learned()), (names[1], color.learned())] {
-            learned.into_iter().for_each(|learned| add(learned_name(name), learned));
-        }
+    }
+    // Those that growth may be taken back to started from a part of it.
+    for (name, learned) in LEARNED.into_iter().zip([present.shape.learned(), present.color.learned()]) {
+        learned.into_iter().for_each(|learned| add(name.into(), learned));
     }
     let views = tensors.iter().map(|(name, bytes)| {
         TensorView::new(Dtype::F32, vec![bytes.len() / 4], bytes).map(|view| (name.as_str(), view)).map_err(broken)
@@ -68,15 +72,10 @@ pub(crate) fn progress(bytes: &[u8]) -> Result<Progress> {
     serde_json::from_str(text).map_err(broken)
 }
 
-/// Name of what the stages before one on a frozen base learned.
-fn learned_name(name: &str) -> String {
-    format!("{name}_learned")
-}
-
 /// What the stages before one on a frozen base learned, of shape and colour; `None` where there is no frozen base.
-pub(crate) fn learned(bytes: &[u8], names: [&str; 2]) -> Result<Option<(Vec<f32>, Vec<f32>)>> {
+pub(crate) fn learned(bytes: &[u8]) -> Result<Option<(Vec<f32>, Vec<f32>)>> {
     let tensors = SafeTensors::deserialize(bytes).map_err(broken)?;
-    let [shape, color] = names.map(|name| values(&tensors, &learned_name(name)).ok());
+    let [shape, color] = LEARNED.map(|name| values(&tensors, name).ok());
     Ok(shape.zip(color))
 }
 

@@ -9,9 +9,7 @@ use dvr_core::{Cancellation, Cancelled, Exposure, View, require_masks};
 use dvr_render::{SlopeRule, ViewMetrics, is_gpu, view_metrics, view_metrics_at_own_exposure};
 use rayon::prelude::*;
 
-use crate::bricks::BrickValues;
 use crate::clock::PartTimes;
-use crate::color::CHANNELS;
 use crate::color_trust::{self, color_trust};
 use crate::config::{ColorTrust, ExposureCorrection, GridConfig};
 use crate::error::{Error, Result};
@@ -390,22 +388,23 @@ impl<'a> GridTrainer<'a> {
         if progress.cells > self.config.last_cells().max(grids.cells()) {
             return Err(state::misfit());
         }
+        let learned = state::learned(&state.training)?;
+        let mut learned = learned.as_ref().map(|(shape, color)| (shape.as_slice(), color.as_slice()));
         // A stage that was taken back left its number, not its cells.
         while grids.cells() < progress.cells {
-            let is_last = 2 * grids.cells() == progress.cells;
-            let names = if is_last { state::PRESENT } else { state::KEPT };
-            let next = match state::learned(&state.training, names)? {
+            let next = match &mut learned {
                 Some((shape, color)) if 2 * grids.cells() > self.config.whole_cells => {
-                    if (shape.len(), color.len()) != (grids.shape.grid().len(), CHANNELS * grids.color.grid().len()) {
-                        return Err(state::misfit());
-                    }
-                    let shape = BrickValues::of_grid(grids.shape.grid(), &shape);
-                    let color = BrickValues::of_grid(grids.color.grid(), &color);
+                    let shape = grids.shape.values().with_learned(shape);
+                    let color = grids.color.values().with_learned(color);
+                    let (shape, color) = shape.zip(color).ok_or_else(state::misfit)?;
                     self.refinement.on_frozen_base(&grids, shape, color, &self.config)?
                 }
                 _ => self.refinement.refined(&grids, &self.config)?,
             };
             kept = Some(std::mem::replace(&mut grids, next));
+        }
+        if learned.is_some_and(|(shape, color)| !shape.is_empty() || !color.is_empty()) {
+            return Err(state::misfit());
         }
         state::restore(&state.training, state::PRESENT, &mut grids)?;
         let mut kept = kept.filter(|_| progress.has_kept);

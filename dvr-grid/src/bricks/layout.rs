@@ -342,6 +342,12 @@ impl BrickLayout {
         taken
     }
 
+    /// Rows of the active nodes, and which of its row each is, row by row.
+    pub fn active_places(&self) -> impl Iterator<Item = (usize, usize)> + '_ {
+        let lanes = move |slot| (0..EDGE).filter(move |&lane| self.active_nodes(slot) >> lane & 1 == 1);
+        (0..self.rows.len()).flat_map(move |slot| lanes(slot).map(move |lane| (slot, lane)))
+    }
+
     /// Rows of the active nodes, and which of its row each is, in their order.
     pub fn slots<'a>(&'a self, active: &'a ActiveNodes) -> impl Iterator<Item = (usize, usize)> + 'a {
         runs(active).flat_map(move |([x, y, z], length)| {

@@ -134,6 +134,28 @@ impl<const C: usize> BrickValues<C> {
         }
     }
 
+    /// What does not follow from anything else. Without a coarser grid that is all numbers; with one, what it has, and then
+    /// the numbers at active nodes, row by row.
+    pub fn learned(&self) -> Vec<f32> {
+        let Some(coarser) = self.coarser() else { return self.to_dense() };
+        let mut learned = coarser.learned();
+        self.layout.active_places().for_each(|(slot, lane)| learned.extend_from_slice(&self.rows[slot][lane]));
+        learned
+    }
+
+    /// The same grid with what its active nodes, or all of its nodes, learned: the first numbers of `learned`, which are
+    /// taken away from it. `None` where there are too few.
+    pub fn with_learned(&self, learned: &mut &[f32]) -> Option<Self> {
+        if self.coarser().is_none() {
+            return Some(Self::of_grid(self.grid(), learned.split_off(..C * self.grid().len())?));
+        }
+        let mut values = self.clone();
+        for (slot, lane) in self.layout.active_places() {
+            values.rows[slot][lane].copy_from_slice(learned.split_off(..C)?);
+        }
+        Some(values)
+    }
+
     /// The numbers of a node.
     #[inline]
     pub fn at(&self, at: [usize; 3]) -> [f32; C] {
@@ -248,6 +270,34 @@ mod tests {
             assert_eq!(values.to_dense(), dense);
             assert_corners(&values, &dense);
         }
+    }
+
+    #[test]
+    fn what_was_learned_makes_each_grid_again_and_nothing_is_kept_twice() {
+        let grids = [9, 17, 33].map(|nodes| VoxelGrid::new(nodes, 0.5));
+        let near = |grid: &VoxelGrid| ActiveNodes::new(grid, |node| (grid.position(node).length() - 0.3).abs() < 0.1);
+        let mut stages = vec![BrickValues::<3>::of_grid(&grids[0], &random(3 * grids[0].len(), 6))];
+        for grid in &grids[1..] {
+            let started = BrickValues::refined(&near(grid), Arc::new(stages[stages.len() - 1].clone()));
+            let numbers = random(3 * near(grid).count(), 7);
+            let moved = started.with_learned(&mut numbers.as_slice()).unwrap();
+            assert!(moved.to_dense() != started.to_dense());
+            stages.push(moved);
+        }
+        let learned = stages[2].learned();
+        let kept: usize = grids[0].len() + grids[1..].iter().map(|grid| near(grid).count()).sum::<usize>();
+        assert_eq!(learned.len(), 3 * kept);
+        let mut rest = learned.as_slice();
+        let mut again =
+            BrickValues::<3>::of_grid(&grids[0], &vec![0.0; 3 * grids[0].len()]).with_learned(&mut rest).unwrap();
+        for (grid, stage) in grids[1..].iter().zip(&stages[1..]) {
+            let started = BrickValues::refined(&near(grid), Arc::new(again));
+            let too_few = &rest[..near(grid).count()];
+            assert!(started.with_learned(&mut &too_few[..]).is_none());
+            again = started.with_learned(&mut rest).unwrap();
+            assert_eq!(again.to_dense(), stage.to_dense());
+        }
+        assert!(rest.is_empty());
     }
 
     #[test]

@@ -149,9 +149,9 @@ impl<const C: usize> MultiResGrid<C> {
         refined
     }
 
-    /// What earlier stages learned, on the grid of half the cells, of levels on a frozen base.
+    /// What earlier stages learned, of levels on a frozen base; see [`BrickValues::learned`].
     pub fn learned(&self) -> Option<Vec<f32>> {
-        self.values.coarser().map(|learned| learned.to_dense())
+        self.values.coarser().map(|coarser| coarser.learned())
     }
 
     /// One step of Adam against the gradient, then the sum again. `rates` gives the step size of each level, coarse to

@@ -40,11 +40,12 @@ fn a_field_does_not_depend_on_the_number_of_threads() {
 fn a_run_goes_on_from_any_step_as_if_it_had_not_stopped() {
     let folder = tempfile::tempdir().unwrap();
     let scene = scene(folder.path());
-    // Stages of 16 cells, which learn as a whole, and of 32 and 64, which learn near the surface.
+    // Stages of 8 cells, which learn as a whole, and of 16, 32 and 64, which learn near the surface.
     let config = GridConfig {
-        steps: 4,
-        first_cells: 16,
-        whole_cells: 16,
+        steps: 3,
+        first_cells: 8,
+        whole_cells: 8,
+        coarsest_cells: 4,
         color_coarseness: 1,
         capacity: Capacity::Cells(64),
         ..GridConfig::default()
