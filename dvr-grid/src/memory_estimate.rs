@@ -22,7 +22,7 @@ const COLOR_NODE: u64 = 80;
 /// the stage before.
 const SURFACE_NODE: u64 = 6000;
 
-/// Bytes per node of a finer grid: sets of nodes, and what the stage before learned, in a checkpoint.
+/// Bytes per node of a finer grid: sets of nodes, while a stage begins and while a field is written.
 const FAR_NODE: u64 = 4;
 
 /// Bytes of a parameter with its moments, its sum, and its copy in a checkpoint.
