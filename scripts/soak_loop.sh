@@ -5,13 +5,15 @@
 #
 # Trains each SCENE with the default settings, makes its mesh anew, renders an orbit and measures the run, round after round, until SECONDS
 # are over; the scene that was begun is ended. The temporary folder is OUT/tmp, and every round writes over the results of the round before.
-# Writes OUT/commands.csv: round, scene, command, seconds since the start, peak resident memory in MB, files in the temporary folder,
-# temporary files of `dvr` in OUT, files of the scene's results. Prints for each command the mean peak memory of the first and of the last
-# third of the rounds. Fails where it grows (by more than two standard errors and 2 %), where a temporary file stays, or where the number
-# of files of results changes. Needs `dvr` on the PATH (or in $DVR), awk and GNU time. Run it from the root of the repository.
+# Writes OUT/commands.csv: round, scene, command, seconds since the start, peak memory in MB, files in the temporary folder,
+# temporary files of `dvr` in OUT, files of the scene's results. Memory is what the allocator had committed at most, as it tells at the
+# end (MIMALLOC_SHOW_STATS): resident memory falls where a kernel takes pages back from a process that waits. Prints for each command the
+# mean peak memory of the first and of the last third of the rounds. Fails where it grows (by more than two standard errors and 2 %),
+# where a temporary file stays, or where the number of files of results changes. Needs `dvr` on the PATH (or in $DVR) and awk. Run it
+# from the root of the repository.
 set -eu
 
-[ $# -ge 3 ] || { sed -n '2,12s/^# \{0,1\}//p' "$0" >&2; exit 2; }
+[ $# -ge 3 ] || { sed -n '2,14s/^# \{0,1\}//p' "$0" >&2; exit 2; }
 seconds=$1 out=$2
 shift 2
 dvr=${DVR:-dvr}
@@ -25,9 +27,16 @@ files_in() { find "$1" -type f | wc -l; }
 
 # Carries a command out and adds its row.
 measured() {
-    env time -f %M -o "$out/peak" "$dvr" "$@" > "$out/output.txt" 2> "$out/notes.txt" \
+    env MIMALLOC_SHOW_STATS=1 "$dvr" "$@" > "$out/output.txt" 2> "$out/notes.txt" \
         || { cat "$out/notes.txt" >&2; echo "round $round, $name: dvr $* failed" >&2; exit 1; }
-    peak=$(awk 'END { printf "%.1f", $1 / 1024 }' "$out/peak")
+    peak=$(awk '
+        match($0, /peak commit: *[0-9.]+ *[KMGT]iB/) {
+            split(substr($0, RSTART + 12, RLENGTH - 12), size, " ")
+            scale["KiB"] = 1 / 1024; scale["MiB"] = 1; scale["GiB"] = 1024; scale["TiB"] = 1024 ^ 2
+            megabytes = size[1] * scale[size[2]] * 1.048576
+        }
+        END { if (megabytes > 0) printf "%.1f", megabytes; else exit 1 }' "$out/notes.txt") \
+        || { echo "dvr $1 does not tell what it committed: is it a build with mimalloc?" >&2; exit 1; }
     left=$(find "$out" -name '.*.dvr-tmp' | wc -l)
     echo "$round,$name,$1,$(($(date +%s) - began)),$peak,$(files_in "$TMPDIR"),$left,$(files_in "$results")" >> "$out/commands.csv"
 }
