@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use burn::tensor::Device;
-use dvr_core::hull::MaskDistance;
+use dvr_core::hull::{MaskDistance, OutlineContradictions};
 use dvr_core::metrics::depth_maps::StereoDepth;
 use dvr_core::{Cancellation, Cancelled, Exposure, View, require_masks};
 use dvr_render::{SlopeRule, ViewMetrics, is_gpu, view_metrics, view_metrics_at_own_exposure};
@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use crate::clock::PartTimes;
 use crate::color_trust::{self, color_trust};
-use crate::config::{ColorTrust, ExposureCorrection, GridConfig};
+use crate::config::{ColorTrust, DisagreeingViews, ExposureCorrection, GridConfig};
 use crate::error::{Error, Result};
 use crate::exposure;
 use crate::field::GridField;
@@ -87,8 +87,12 @@ impl<'a> GridTrainer<'a> {
     ) -> Result<Self> {
         config.check()?;
         require_masks(train.iter().chain(&validation).copied())?;
-        let notes = leave_out_wrong_masks(&mut train, &config)?;
-        let refinement = Refinement::new(mask_distances(&train, cancellation)?, &train, &config, cancellation)?;
+        let mut notes = leave_out_wrong_masks(&mut train, &config)?;
+        let masks = mask_distances(&train, cancellation)?;
+        if config.disagreeing_views == DisagreeingViews::Auto {
+            notes.extend(contradictions(&train, &masks, cancellation)?);
+        }
+        let refinement = Refinement::new(masks, &train, &config, cancellation)?;
         let grids = refinement.first(&config)?;
         let growth = Growth::plan(&config, &train);
         let names = train.iter().map(|view| view.name.clone()).collect();
@@ -432,6 +436,17 @@ impl<'a> GridTrainer<'a> {
 fn mask_distances(train: &[&View], cancellation: &Cancellation) -> std::result::Result<Vec<MaskDistance>, Cancelled> {
     let pairs = train.par_iter().filter_map(|view| view.training_pair());
     pairs.map(|(camera, mask)| cancellation.check().map(|()| MaskDistance::new(camera, mask))).collect()
+}
+
+/// What the outlines say against each other.
+fn contradictions(
+    train: &[&View],
+    masks: &[MaskDistance],
+    cancellation: &Cancellation,
+) -> std::result::Result<Option<String>, Cancelled> {
+    let cameras: Vec<_> = train.iter().map(|view| &view.camera).collect();
+    let names: Vec<&str> = train.iter().map(|view| view.name.as_str()).collect();
+    Ok(OutlineContradictions::find(&cameras, masks, cancellation)?.note(&names))
 }
 
 /// The depths that stereo finds in these views before training, as far as other views confirm them; none where this

@@ -4,7 +4,7 @@ use std::process::ExitCode;
 
 use anyhow::Result;
 use dvr_core::Cancellation;
-use dvr_core::hull::{Bounds, HullSettings, VisualHull, silhouette_consistency};
+use dvr_core::hull::{Bounds, HullSettings, MaskDistance, OutlineContradictions, VisualHull, silhouette_consistency};
 use dvr_core::{HOLD_OUT_EVERY, Scene, Split, UnitCube, View};
 use serde::Serialize;
 
@@ -68,6 +68,7 @@ pub fn run(args: &InfoArgs, cancellation: &Cancellation) -> Result<ExitCode> {
     let (scene, views, refined) = reading.read(&args.scene, divide, cancellation)?;
     let mut info = look(&scene, views.rule)?;
     info.warnings.extend(refinement_notes(&refined));
+    info.warnings.extend(contradictions(&scene, cancellation)?);
     if let Err(error) = scene.require_masks() {
         info.warnings
             .push(format!("training needs masks: {error} (--background COLOR makes masks from a plain background)"));
@@ -137,6 +138,15 @@ fn look(scene: &Scene, rule: String) -> Result<Info> {
         has_occupancy_truth: scene.ground_truth.occupancy.is_some(),
         warnings,
     })
+}
+
+/// What the masks' outlines say against each other.
+fn contradictions(scene: &Scene, cancellation: &Cancellation) -> Result<Option<String>> {
+    let seen: Vec<_> = scene.views.iter().filter_map(|view| Some((view, view.training_pair()?))).collect();
+    let names: Vec<&str> = seen.iter().map(|(view, _)| view.name.as_str()).collect();
+    let cameras: Vec<_> = seen.iter().map(|(_, (camera, _))| *camera).collect();
+    let masks: Vec<MaskDistance> = seen.iter().map(|(_, (camera, mask))| MaskDistance::new(camera, mask)).collect();
+    Ok(OutlineContradictions::find(&cameras, &masks, cancellation)?.note(&names))
 }
 
 /// The hull of the masks that training uses, without masks `None`, and for each view the share of its mask that the hull

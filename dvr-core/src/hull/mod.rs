@@ -6,6 +6,7 @@
 
 mod bounds;
 mod carve;
+mod coherence;
 mod consistency;
 mod distance;
 mod normalisation;
@@ -17,6 +18,7 @@ mod visual_hull;
 mod wrong_masks;
 
 pub use bounds::Bounds;
+pub use coherence::OutlineContradictions;
 pub use consistency::silhouette_consistency;
 pub use distance::{MaskDistance, hull_distance};
 pub use normalisation::{Normalisation, normalisation, normalisation_by_cameras};
