@@ -10,7 +10,7 @@ use super::masks::mask_from_background;
 use super::options::ReadOptions;
 use super::raw_scene::{Coordinates, ObjectBounds, Projection, RawScene, RawView};
 use crate::downscale::{downscale_camera, downscale_depth, downscale_image, downscale_mask};
-use crate::error::{Error, Result};
+use crate::error::{Error, LensError, Result};
 use crate::files::{Photo, image_size, read_depth_exr, read_mask, read_photo};
 use crate::machine_memory::available_memory;
 use crate::number_range::OutOfRange;
@@ -193,6 +193,15 @@ pub(super) fn load_view(view: &RawView, mirrored: bool, cameras: &Path, options:
     let unusable =
         |source| Error::UnusableCamera { path: cameras.to_owned(), what: format!("view `{}`: ", view.name), source };
     let mut camera = projection.camera(width, height).map_err(unusable)?;
+    if let Some(lens) = &view.lens {
+        let undistortion = lens.resized(width, height).undistortion();
+        let undistortion = undistortion.map_err(|source| lens_error(cameras, &view.name, &source))?;
+        image = undistortion.picture(&image);
+        for mask in mask.iter_mut().chain(&mut alpha) {
+            *mask = undistortion.mask(mask);
+        }
+        camera = undistortion.camera(&camera);
+    }
     // The files' depth is the third coordinate of their projection, in units of its third row.
     depth = depth.map(|depth| depth.scaled(projection.depth_units().recip() as f32));
     let factor = options.downscale;
@@ -211,6 +220,15 @@ pub(super) fn load_view(view: &RawView, mirrored: bool, cameras: &Path, options:
     }
     let split = view.split;
     Ok(View { depth, split, mask_source, ..View::new(view.name.as_str(), camera, stored(image), mask) })
+}
+
+/// A lens that nothing can be made of, named by its view.
+pub(super) fn lens_error(cameras: &Path, view: &str, problem: &LensError) -> Error {
+    Error::format(
+        cameras,
+        format!("view `{view}`: {problem}"),
+        "Calibrate the cameras again, or undistort the pictures by another program.",
+    )
 }
 
 /// Whether a mask says of every pixel what the photograph's own alpha channel says.

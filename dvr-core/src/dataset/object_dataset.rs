@@ -153,6 +153,7 @@ impl ObjectDataset {
             mask: names.mask.as_deref().map(full),
             depth: names.depth.as_deref().map(full),
             projection,
+            lens: None,
             split: Split::Train,
         };
         let cameras = full(&files.names.cameras);

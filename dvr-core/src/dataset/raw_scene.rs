@@ -6,6 +6,7 @@ use glam::{DMat3, DMat4, DVec3};
 
 use crate::camera::{Camera, Similarity};
 use crate::error::CameraError;
+use crate::lens::Lens;
 use crate::scene::{GroundTruth, SparsePoints, Split};
 
 /// A scene as its files describe it.
@@ -48,6 +49,8 @@ pub(super) struct RawView {
     pub mask: Option<PathBuf>,
     pub depth: Option<PathBuf>,
     pub projection: Projection,
+    /// Its lens, where that distorts; `projection` is without the distortion.
+    pub lens: Option<Lens>,
     pub split: Split,
 }
 

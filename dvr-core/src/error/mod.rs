@@ -3,11 +3,13 @@
 
 mod camera;
 mod comparison;
+mod lens;
 mod normalisation;
 mod output;
 
 pub use camera::CameraError;
 pub use comparison::ComparisonError;
+pub use lens::LensError;
 pub use normalisation::NormalisationError;
 pub(crate) use normalisation::name_views;
 pub use output::OutputError;
@@ -58,6 +60,14 @@ pub enum Error {
         value: u64,
         /// How large it may be.
         limit: u64,
+    },
+    /// Nothing at a path is a scene in a layout that is known.
+    #[error("{}: no scene was found; looked for {looked_for}. Give the folder that holds one of these.", path.display())]
+    NoScene {
+        /// The folder or file.
+        path: PathBuf,
+        /// The files by which layouts are known.
+        looked_for: String,
     },
     /// The camera of a view, or the similarity of a scene, cannot be used.
     #[error("{}: {what}{source}", path.display())]

@@ -93,7 +93,7 @@ pub(crate) fn find_views(root: &Path, visual_hull_depth: bool) -> Result<ObjectV
         }
         let projection = read_projection(&mut npz, indices[i], &scale_mat)?;
         let (mask, depth) = (masks[i].clone(), depths[i].clone());
-        views.push(RawView { name, image, mask, depth, projection, split: Split::Train });
+        views.push(RawView { name, image, mask, depth, projection, lens: None, split: Split::Train });
     }
     let object_to_world = object_to_world.unwrap_or(DMat4::IDENTITY);
     Ok(ObjectViews { views, indices, cameras, object_to_world, warnings })

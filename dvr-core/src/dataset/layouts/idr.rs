@@ -48,7 +48,7 @@ fn find(path: &Path, _: &ReadOptions) -> Result<RawScene> {
     for (((name, image), mask), &index) in names.into_iter().zip(images).zip(masks).zip(&indices) {
         let world_mat = read_matrix(&mut npz, &format!("world_mat_{index}"))?;
         let projection = Projection::from_matrix(&world_mat, Coordinates::Pixels(None)).shifted_to_corners();
-        views.push(RawView { name, image, mask, depth: None, projection, split: Split::Train });
+        views.push(RawView { name, image, mask, depth: None, projection, lens: None, split: Split::Train });
     }
     let scale_mat = indices.first().map(|index| format!("scale_mat_{index}")).filter(|name| npz.contains(name));
     let object_bounds = match scale_mat {

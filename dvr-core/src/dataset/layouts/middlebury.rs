@@ -72,6 +72,7 @@ fn find(path: &Path, _: &ReadOptions) -> Result<RawScene> {
             mask,
             depth: None,
             projection,
+            lens: None,
             split: Split::Train,
         })
         .collect();

@@ -53,7 +53,8 @@ impl FromStr for Format {
 /// Finds out the layout by the files that are there.
 ///
 /// # Errors
-/// [`Error::Io`] where there is nothing at `path`; [`Error::Format`] listing what was looked for where nothing fits.
+/// [`Error::Io`] where there is nothing at `path`; [`Error::NoScene`] listing what was looked for where nothing fits;
+/// [`Error::Format`] where a file that would tell is damaged.
 pub fn detect_format(path: &Path) -> Result<Format> {
     std::fs::metadata(path).map_err(|source| Error::io(path, source))?;
     for layout in LAYOUTS {
@@ -62,11 +63,7 @@ pub fn detect_format(path: &Path) -> Result<Format> {
         }
     }
     let known_by: Vec<&str> = LAYOUTS.iter().map(|layout| layout.known_by).collect();
-    Err(Error::format(
-        path,
-        format!("no scene was found; looked for {}", known_by.join("; ")),
-        "Give the folder that holds one of these.",
-    ))
+    Err(Error::NoScene { path: path.to_owned(), looked_for: known_by.join("; ") })
 }
 
 /// Finds the views of a scene in the given layout, before any pixel is read.

@@ -7,7 +7,7 @@
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DVec2, DVec3};
 use serde::Deserialize;
 
 use super::layout::Layout;
@@ -18,6 +18,7 @@ use crate::dataset::pairing::{folder_of, partners, pictures, sub_folder, view_na
 use crate::dataset::raw_scene::{ObjectBounds, Projection, RawScene, RawView, is_rotation};
 use crate::error::{Error, Result};
 use crate::files::{image_size, read_bytes};
+use crate::lens::Lens as CameraLens;
 use crate::mesh::{TexturedMesh, read_mesh};
 use crate::points::PointCloud;
 use crate::scene::{GroundTruth, SparsePoints, Split};
@@ -195,14 +196,14 @@ fn view_of_frame(
     let wrong =
         |problem: String, remedy: &str| Error::format(file, format!("frame `{}`: {problem}", frame.file_path), remedy);
     let lens = frame.lens.or(&transforms.lens);
-    lens.check().map_err(|problem| wrong(problem, "Undistort the images (COLMAP's image_undistorter) first."))?;
     let size = match lens.size() {
         Some(size) => size,
         None => image_size(&image)?,
     };
-    let intrinsics = lens.intrinsics(size).ok_or_else(|| {
+    let (focal, center) = lens.pinhole(size).ok_or_else(|| {
         wrong("there is no focal length".to_owned(), "Give `fl_x` in pixels, or `camera_angle_x` in radians.")
     })?;
+    let lens = lens.camera_lens(size, focal, center).map_err(|problem| wrong(problem, "Export the cameras again."))?;
     let (rotation, translation) = world_to_camera(&frame.transform_matrix).ok_or_else(|| {
         wrong(
             "`transform_matrix` is not a rotation with a translation".to_owned(),
@@ -221,8 +222,9 @@ fn view_of_frame(
         })?),
         None => None,
     };
-    let projection = Projection::from_parts(intrinsics, rotation, translation, Some(size));
-    Ok(RawView { name: String::new(), image, mask, depth: None, projection, split })
+    let projection = Projection::from_parts(lens.intrinsics(), rotation, translation, Some(size));
+    let lens = Some(lens).filter(|lens| !lens.is_pinhole());
+    Ok(RawView { name: String::new(), image, mask, depth: None, projection, lens, split })
 }
 
 /// The picture that `file_path` means, which may lack its extension.
@@ -283,21 +285,18 @@ impl Lens {
         }
     }
 
-    /// The problem, where this is no pinhole camera.
-    fn check(&self) -> std::result::Result<(), String> {
+    /// The lens with its distortion: nerfstudio's radial and tangential terms, or those of OpenCV's fisheye.
+    fn camera_lens(&self, size: (u32, u32), focal: DVec2, center: DVec2) -> std::result::Result<CameraLens, String> {
         let model = self.camera_model.as_deref().unwrap_or("PINHOLE");
-        if !["PINHOLE", "SIMPLE_PINHOLE", "OPENCV", "PERSPECTIVE", "perspective"].contains(&model) {
-            return Err(format!("camera model {model} is not a pinhole"));
+        let known = ["PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "PERSPECTIVE", "perspective"];
+        let fisheye = model == "OPENCV_FISHEYE" || self.is_fisheye == Some(true);
+        if !known.contains(&model) && !fisheye {
+            return Err(format!("camera model {model} is neither a pinhole nor OPENCV nor OPENCV_FISHEYE"));
         }
-        if self.is_fisheye == Some(true) {
-            return Err("a fisheye camera is not a pinhole".to_owned());
-        }
-        let terms =
-            [("k1", self.k1), ("k2", self.k2), ("k3", self.k3), ("k4", self.k4), ("p1", self.p1), ("p2", self.p2)];
-        match terms.iter().find_map(|(name, value)| value.filter(|value| *value != 0.0).map(|value| (name, value))) {
-            Some((name, value)) => Err(format!("the lens distorts ({name} = {value})")),
-            None => Ok(()),
-        }
+        let term = |term: Option<f64>| term.unwrap_or(0.0);
+        let radial = [self.k1, self.k2, self.k3, self.k4].map(term);
+        CameraLens::polynomial(size, focal, center, radial, [self.p1, self.p2].map(term), fisheye)
+            .map_err(|problem| problem.to_string())
     }
 
     fn size(&self) -> Option<(u32, u32)> {
@@ -305,13 +304,13 @@ impl Lens {
         Some((pixels(self.w?)?, pixels(self.h?)?))
     }
 
-    fn intrinsics(&self, (width, height): (u32, u32)) -> Option<DMat3> {
+    /// Focal lengths and principal point in pixels.
+    fn pinhole(&self, (width, height): (u32, u32)) -> Option<(DVec2, DVec2)> {
         let (width, height) = (f64::from(width), f64::from(height));
         let of_angle = |angle: Option<f64>, length: f64| angle.map(|angle| 0.5 * length / (0.5 * angle).tan());
         let of_x = self.fl_x.or(of_angle(self.camera_angle_x, width));
         let of_y = self.fl_y.or(of_angle(self.camera_angle_y, height));
-        let (focal_x, focal_y) = (of_x.or(of_y)?, of_y.or(of_x)?);
-        let center = DVec3::new(self.cx.unwrap_or(0.5 * width), self.cy.unwrap_or(0.5 * height), 1.0);
-        Some(DMat3::from_cols(DVec3::new(focal_x, 0.0, 0.0), DVec3::new(0.0, focal_y, 0.0), center))
+        let focal = DVec2::new(of_x.or(of_y)?, of_y.or(of_x)?);
+        Some((focal, DVec2::new(self.cx.unwrap_or(0.5 * width), self.cy.unwrap_or(0.5 * height))))
     }
 }

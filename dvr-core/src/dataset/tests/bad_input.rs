@@ -190,14 +190,14 @@ fn transforms_that_cannot_be_used() {
         std::fs::write(&path, json.to_string()).unwrap();
         refused(folder.path(), &[&["transforms.json"], words].concat());
     };
-    change("/frames/1/k1", 0.02.into(), &["0001.png", "k1 = 0.02", "image_undistorter"]);
-    change("/camera_model", "OPENCV_FISHEYE".into(), &["OPENCV_FISHEYE", "pinhole"]);
+    change("/frames/1/k1", (-9e3).into(), &["0001", "folds the picture over"]);
+    change("/camera_model", "EQUIRECTANGULAR".into(), &["EQUIRECTANGULAR", "OPENCV_FISHEYE"]);
     change("/frames/1/fl_x", "wide".into(), &["JSON"]);
     change("/frames/1/transform_matrix", serde_json::json!([[1, 2], [3, 4]]), &["0001.png", "transform_matrix"]);
     let stretched = serde_json::json!([[1, 0, 0, 0], [0, 2, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]);
     change("/frames/1/transform_matrix", stretched, &["0001.png", "stretch"]);
     change("/frames/1/mask_path", "masks/none.png".into(), &["masks/none.png", "missing"]);
-    change("/frames/1/fl_x", 0.0.into(), &["view `0001`", "singular"]);
+    change("/frames/1/fl_x", 0.0.into(), &["0001.png", "focal length that is not positive"]);
     change("/frames", serde_json::json!([]), &["no frames"]);
     let elsewhere = good.replace("images/", "pictures/");
     std::fs::write(&path, elsewhere).unwrap();

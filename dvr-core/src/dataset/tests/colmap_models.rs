@@ -192,16 +192,18 @@ fn a_truncated_colmap_model_is_refused_wherever_it_ends() {
 }
 
 #[test]
-fn a_distorted_colmap_camera_names_the_undistorter() {
+fn a_colmap_camera_that_is_none_is_refused_by_its_number() {
     let (ball, folder) = (Ball::new(), tempfile::tempdir().unwrap());
     let root = folder.path();
     ball.write_images(&root.join("images"), Some(&root.join("masks")));
     ColmapBall::new(&ball).write_text(&root.join("sparse/0"));
     let path = root.join("sparse/0/cameras.txt");
     let text = std::fs::read_to_string(&path).unwrap();
-    std::fs::write(&path, text.replacen("PINHOLE", "OPENCV", 1)).unwrap();
-    let error = read_scene(root, &ReadOptions::default()).unwrap_err().to_string();
-    assert!(error.contains("OPENCV") && error.contains("colmap image_undistorter"), "{error}");
+    for (model, words) in [("OPENCV", "OPENCV has 4 parameters, not 8"), ("KANNALA", "KANNALA is not known")] {
+        std::fs::write(&path, text.replacen("PINHOLE", model, 1)).unwrap();
+        let error = read_scene(root, &ReadOptions::default()).unwrap_err().to_string();
+        assert!(error.contains("camera 100") && error.contains(words), "{error}");
+    }
     std::fs::write(&path, &text[..text.len() / 2]).unwrap();
     let error = read_scene(root, &ReadOptions::default()).unwrap_err().to_string();
     assert!(

@@ -6,6 +6,7 @@ mod digests;
 mod fixtures;
 mod formats;
 mod known_scenes;
+mod lenses;
 mod object_datasets;
 mod options;
 mod points_files;

@@ -2,9 +2,10 @@
 
 use std::path::Path;
 
-use super::model::{MODELS, Model, ModelCamera, ModelImage, ModelPoint, TrackEntry};
+use super::model::{Model, ModelCamera, ModelImage, ModelPoint, TrackEntry};
 use crate::error::{Error, Result};
 use crate::files::read_bytes;
+use crate::lens::COLMAP_MODELS;
 
 pub(super) fn read_model(folder: &Path) -> Result<Model> {
     let mut model = Model::default();
@@ -12,11 +13,11 @@ pub(super) fn read_model(folder: &Path) -> Result<Model> {
     let mut bytes = Bytes { path: &path, rest: &read_bytes(&path)? };
     for _ in 0..bytes.u64()? {
         let (id, number) = (bytes.u32()?, bytes.u32()?);
-        let &(name, n_parameters) = MODELS.get(number as usize).ok_or_else(|| {
+        let &(name, n_parameters) = COLMAP_MODELS.get(number as usize).ok_or_else(|| {
             Error::format(
                 &path,
                 format!("camera {id} is of model number {number}, which is not known"),
-                "Run `colmap image_undistorter` and give its output folder.",
+                "Undistort the pictures with the program that made the model, and give the folder that it writes.",
             )
         })?;
         let (width, height) = (bytes.u64()?, bytes.u64()?);

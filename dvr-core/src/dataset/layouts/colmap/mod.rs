@@ -1,6 +1,7 @@
 //! COLMAP sparse models, text and binary: <https://colmap.github.io/format.html>.
 //!
-//! Cameras are ours already: x right, y down, z forward, pixel centres at half integers. Only pinholes are read.
+//! Cameras are ours already: x right, y down, z forward, pixel centres at half integers. Where a lens
+//! distorts, pictures are undistorted as they are read.
 
 mod binary;
 mod model;
@@ -9,7 +10,7 @@ mod text;
 
 use std::path::{Path, PathBuf};
 
-use glam::{DMat3, DQuat, DVec3};
+use glam::{DMat3, DQuat};
 
 use super::layout::Layout;
 use crate::camera::Similarity;
@@ -18,11 +19,12 @@ use crate::dataset::options::ReadOptions;
 use crate::dataset::pairing::{natural_order, sub_folder, view_names};
 use crate::dataset::raw_scene::{ObjectBounds, Projection, RawScene, RawView};
 use crate::error::{Error, Result};
+use crate::lens::Lens;
 use crate::scene::{GroundTruth, Split};
 use model::{ModelCamera, ModelImage};
 pub(in crate::dataset) use points::read_verified_points;
 
-/// COLMAP: a sparse model, text or binary, of undistorted images.
+/// COLMAP: a sparse model, text or binary.
 pub(super) const LAYOUT: Layout = Layout {
     name: "colmap",
     aliases: &[],
@@ -70,9 +72,10 @@ fn find(path: &Path, _: &ReadOptions) -> Result<RawScene> {
                 "Export the model again.",
             )
         })?;
-        let projection = projection(camera, image, &folder)?;
-        let image = image_folder.join(relative);
-        views.push(RawView { name, image, mask, depth: None, projection, split: Split::Train });
+        let lens = lens(camera, image, &folder)?;
+        let projection = projection(&lens, image, &folder)?;
+        let (image, lens) = (image_folder.join(relative), Some(lens).filter(|lens| !lens.is_pinhole()));
+        views.push(RawView { name, image, mask, depth: None, projection, lens, split: Split::Train });
     }
     Ok(RawScene {
         format: "COLMAP",
@@ -97,38 +100,18 @@ fn root_of(path: &Path, model: &Path) -> PathBuf {
     model.ancestors().take(3).find(holds_images).unwrap_or(path).to_owned()
 }
 
-/// The matrix `K` of an image's camera, and the size of its picture.
-fn lens(camera: &ModelCamera, image: &ModelImage, folder: &Path) -> Result<(DMat3, (u32, u32))> {
-    let (focal_x, focal_y, cx, cy) = match (camera.model.as_str(), &camera.parameters[..]) {
-        ("SIMPLE_PINHOLE", &[focal, cx, cy]) => (focal, focal, cx, cy),
-        ("PINHOLE", &[focal_x, focal_y, cx, cy]) => (focal_x, focal_y, cx, cy),
-        ("SIMPLE_PINHOLE" | "PINHOLE", parameters) => {
-            return Err(Error::format(
-                folder,
-                format!("camera {} ({}) has {} parameters", image.camera, camera.model, parameters.len()),
-                "Export the model again.",
-            ));
-        }
-        (model, _) => {
-            return Err(Error::format(
-                folder,
-                format!("camera {} is of model {model}, with lens distortion", image.camera),
-                "Run `colmap image_undistorter` and give its output folder.",
-            ));
-        }
+/// The lens of an image's camera.
+fn lens(camera: &ModelCamera, image: &ModelImage, folder: &Path) -> Result<Lens> {
+    let (Ok(width @ 1..), Ok(height @ 1..)) = (u32::try_from(camera.width), u32::try_from(camera.height)) else {
+        return Err(Error::format(
+            folder,
+            format!("camera {} has {}x{} pixels", image.camera, camera.width, camera.height),
+            "Export the model again.",
+        ));
     };
-    let size = match (u32::try_from(camera.width), u32::try_from(camera.height)) {
-        (Ok(width @ 1..), Ok(height @ 1..)) => (width, height),
-        _ => {
-            return Err(Error::format(
-                folder,
-                format!("camera {} has {}x{} pixels", image.camera, camera.width, camera.height),
-                "Export the model again.",
-            ));
-        }
-    };
-    let k = DMat3::from_cols(DVec3::new(focal_x, 0.0, 0.0), DVec3::new(0.0, focal_y, 0.0), DVec3::new(cx, cy, 1.0));
-    Ok((k, size))
+    Lens::from_colmap(&camera.model, width, height, &camera.parameters).map_err(|problem| {
+        Error::format(folder, format!("camera {}: {problem}", image.camera), "Export the model again.")
+    })
 }
 
 /// The rotation of an image, world to camera.
@@ -145,7 +128,8 @@ fn rotation(image: &ModelImage, folder: &Path) -> Result<DMat3> {
     Ok(DMat3::from_quat(rotation.normalize()))
 }
 
-fn projection(camera: &ModelCamera, image: &ModelImage, folder: &Path) -> Result<Projection> {
-    let (k, size) = lens(camera, image, folder)?;
-    Ok(Projection::from_parts(k, rotation(image, folder)?, image.translation.into(), Some(size)))
+/// The projection without the distortion of the lens.
+fn projection(lens: &Lens, image: &ModelImage, folder: &Path) -> Result<Projection> {
+    let rotation = rotation(image, folder)?;
+    Ok(Projection::from_parts(lens.intrinsics(), rotation, image.translation.into(), Some(lens.size)))
 }

@@ -2,21 +2,6 @@
 
 use std::collections::HashMap;
 
-/// Names of the camera models, by their number in binary files, with the number of their parameters.
-pub(super) const MODELS: [(&str, usize); 11] = [
-    ("SIMPLE_PINHOLE", 3),
-    ("PINHOLE", 4),
-    ("SIMPLE_RADIAL", 4),
-    ("RADIAL", 5),
-    ("OPENCV", 8),
-    ("OPENCV_FISHEYE", 8),
-    ("FULL_OPENCV", 12),
-    ("FOV", 5),
-    ("SIMPLE_RADIAL_FISHEYE", 4),
-    ("RADIAL_FISHEYE", 5),
-    ("THIN_PRISM_FISHEYE", 12),
-];
-
 /// A sparse model as its three files hold it.
 #[derive(Debug, Default, PartialEq)]
 pub(super) struct Model {

@@ -3,12 +3,13 @@
 use std::collections::HashMap;
 use std::path::Path;
 
-use glam::{DMat3, DVec2, DVec3, Vec3};
+use glam::{DVec2, DVec3, Vec3};
 
 use super::model::{Model, ModelImage, ModelPoint, TrackEntry};
 use super::{binary, lens, projection, text};
 use crate::camera::Camera;
 use crate::error::Result;
+use crate::lens::Lens;
 use crate::points::PointCloud;
 use crate::scene::SparsePoints;
 use crate::verified_points::{TrackSight, Tracks, VerifiedPoints};
@@ -33,8 +34,8 @@ pub(super) fn sparse_points(model: &Model, folder: &Path) -> Option<SparsePoints
     })
 }
 
-/// The points of `points3D.bin` or `points3D.txt`. Their tracks, where the model's other files lie beside it and its
-/// cameras are pinholes.
+/// The points of `points3D.bin` or `points3D.txt`. Their tracks, where the model's other files lie beside
+/// it.
 ///
 /// # Errors
 /// Where a file cannot be read or is damaged.
@@ -59,13 +60,12 @@ pub(in crate::dataset) fn read_verified_points(path: &Path) -> Result<VerifiedPo
     })
 }
 
-/// The tracks with the model's own cameras; `None` where one of these is no pinhole.
+/// The tracks with the model's own cameras, without distortion; `None` where one of these is no camera.
 fn tracks(model: &Model, points: &[ModelPoint], folder: &Path) -> Option<Tracks> {
     let images = Images::new(model, folder);
     let camera = |image: &ModelImage| -> Option<Camera> {
-        let projection = projection(model.cameras.get(&image.camera)?, image, folder).ok()?;
-        let camera = model.cameras.get(&image.camera)?;
-        projection.camera(u32::try_from(camera.width).ok()?, u32::try_from(camera.height).ok()?).ok()
+        let lens = lens(model.cameras.get(&image.camera)?, image, folder).ok()?;
+        projection(&lens, image, folder).ok()?.camera(lens.size.0, lens.size.1).ok()
     };
     let cameras = model.images.iter().map(camera).collect::<Option<Vec<_>>>()?;
     Some(Tracks { cameras, sights: points.iter().map(|point| images.sights(&point.track)).collect() })
@@ -87,17 +87,14 @@ fn errors(points: &[ModelPoint]) -> Option<Vec<f64>> {
 /// A model's images in their order, ready to be asked what a track says.
 struct Images<'a> {
     images: &'a [ModelImage],
-    /// The inverse of `K`, where the camera is a pinhole.
-    lenses: Vec<Option<DMat3>>,
+    /// `None` where a camera's lens is none.
+    lenses: Vec<Option<Lens>>,
     place: HashMap<u32, usize>,
 }
 
 impl<'a> Images<'a> {
     fn new(model: &'a Model, folder: &Path) -> Self {
-        let of_image = |image: &ModelImage| {
-            let (k, _) = lens(model.cameras.get(&image.camera)?, image, folder).ok()?;
-            Some(k.inverse())
-        };
+        let of_image = |image: &ModelImage| lens(model.cameras.get(&image.camera)?, image, folder).ok();
         Self {
             images: &model.images,
             lenses: model.images.iter().map(of_image).collect(),
@@ -110,10 +107,9 @@ impl<'a> Images<'a> {
         let sight = |entry: &TrackEntry| {
             let camera = *self.place.get(&entry.image)?;
             let feature = self.images[camera].features.get(entry.feature as usize);
-            let bearing = feature.zip(self.lenses[camera]).map(|(&[x, y], lens)| {
-                let direction = lens * DVec3::new(x.into(), y.into(), 1.0);
-                DVec2::new(direction.x, direction.y) / direction.z
-            });
+            let lens = self.lenses[camera].as_ref();
+            let bearing =
+                feature.zip(lens).and_then(|(&[x, y], lens)| lens.direction_of(DVec2::new(x.into(), y.into())));
             Some(TrackSight { camera, bearing })
         };
         let mut sights: Vec<TrackSight> = track.iter().filter_map(sight).collect();
