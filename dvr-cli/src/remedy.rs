@@ -8,6 +8,7 @@ use dvr_core::OutputError;
 use dvr_core::files::FolderKind;
 use dvr_core::number_range::OutOfRange;
 use dvr_report::Diagnostic;
+use dvr_sfm::SfmError;
 use dvr_texture::TextureError;
 use dvr_train::{CodesError, Error as TrainError};
 
@@ -21,6 +22,7 @@ pub fn remedy(error: &anyhow::Error) -> Option<String> {
             .or_else(|| cause.downcast_ref().and_then(of_extraction))
             .or_else(|| cause.downcast_ref().and_then(of_record))
             .or_else(|| cause.downcast_ref().and_then(of_report))
+            .or_else(|| cause.downcast_ref().and_then(of_sfm))
             .or_else(|| of_gpu(cause))
             .or_else(|| cause.downcast_ref().and_then(of_system))
     })
@@ -227,6 +229,37 @@ fn of_report(error: &dvr_report::Error) -> Option<String> {
         Error::Damaged { .. } => Some("Make the run again, or its evaluation.".into()),
         Error::Curves { .. } => Some("Move the file away to report without curves.".into()),
         Error::Picture(_) => None,
+    }
+}
+
+/// Finding cameras.
+fn of_sfm(error: &SfmError) -> Option<String> {
+    match error {
+        SfmError::Core(error) => of_core(error),
+        SfmError::NotInstalled { program: "colmap", .. } => Some(
+            "Install it: `apt install colmap` (Debian, Ubuntu), `brew install colmap` (macOS), or `conda install -c \
+             conda-forge colmap`. Photographs that have cameras need none."
+                .into(),
+        ),
+        SfmError::NotInstalled { .. } => {
+            Some("Install it: `apt install ffmpeg`, `brew install ffmpeg`, or `conda install -c conda-forge ffmpeg`.".into())
+        }
+        SfmError::OtherFormat { kind: "HEIC", .. } => Some(
+            "Convert them to JPEG: `for f in *.HEIC; do heif-convert -q 98 \"$f\" \"${f%.*}.jpg\"; done` (apt install \
+             libheif-examples), or on a Mac `sips -s format jpeg *.HEIC --out .`. On the phone: Settings, Camera, Formats, \
+             Most Compatible."
+                .into(),
+        ),
+        SfmError::OtherFormat { .. } => Some("Develop them to JPEG, PNG or TIFF, all with the same settings.".into()),
+        SfmError::OtherPhotographs { .. } => {
+            Some("Replace them with --overwrite, or choose another folder (`dvr cameras --out`, `dvr train --cameras`).".into())
+        }
+        SfmError::NoModel { .. } => Some(
+            "Try --matching exhaustive and --share-cameras picture; a plain object needs a textured table or background \
+             that moves with it."
+                .into(),
+        ),
+        _ => None,
     }
 }
 

@@ -205,7 +205,7 @@ fn nerf(tiny: &Tiny, scene: &Path, parts: &[(&str, Range<usize>)]) {
         let names: Vec<String> = range.clone().map(name).collect();
         let frames = names.iter().map(String::as_str).zip(&cameras[range.clone()]);
         let file = if split.is_empty() { "transforms.json".to_owned() } else { format!("transforms_{split}.json") };
-        write_transforms(&scene.join(file), frames).unwrap();
+        write_transforms(&scene.join(file), frames, None).unwrap();
         names.iter().zip(&found.views[range]).for_each(|(name, view)| with_alpha(view).save(scene.join(name)).unwrap());
     }
 }

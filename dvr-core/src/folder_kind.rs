@@ -22,6 +22,8 @@ pub enum FolderKind {
     Predictions,
     /// Figures of many objects.
     Evaluation,
+    /// Cameras of photographs, with the pictures that they belong to.
+    Cameras,
 }
 
 impl fmt::Display for FolderKind {
@@ -34,6 +36,7 @@ impl fmt::Display for FolderKind {
             Self::Renders => "a set of renders",
             Self::Predictions => "a set of predictions",
             Self::Evaluation => "an evaluation",
+            Self::Cameras => "cameras of photographs",
         })
     }
 }

@@ -1,6 +1,7 @@
 //! The command line.
 
 mod bench;
+mod cameras;
 mod device;
 mod eval;
 mod exchange;
@@ -22,6 +23,7 @@ mod variant;
 use clap::{Parser, Subcommand};
 
 pub use bench::BenchArgs;
+pub use cameras::{CamerasArgs, FindingArgs};
 pub use eval::{Baseline, EvalArgs, EvalPointsArgs, SplitArg};
 pub use exchange::{ExportArgs, ImportArgs};
 pub use faces::FaceBudget;
@@ -54,7 +56,7 @@ const VERSION: &str = concat!(env!("CARGO_PKG_VERSION"), " (", env!("DVR_COMMIT"
 
 const LONG_ABOUT: &str = "Textured meshes from posed photographs, by differentiable volumetric rendering.
 
-dvr reconstructs an object from photographs with known cameras and masks. It trains an occupancy and colour field whose \
+dvr reconstructs an object from photographs with masks; cameras that are not known are found by COLMAP. It trains an occupancy and colour field whose \
 rendered depth has an exact, analytic gradient, and extracts a mesh. Check a scene with `dvr info SCENE`; `dvr train SCENE \
 --out RUN` then trains, and writes the mesh (PLY, and GLB with a texture), a preview sheet, metrics and a report.";
 
@@ -63,6 +65,8 @@ rendered depth has an exact, analytic gradient, and extracts a mesh. Check a sce
 pub enum Command {
     /// Show a scene: views, cameras, masks, bounds, warnings
     Info(InfoArgs),
+    /// Find the cameras of photographs, by structure from motion with COLMAP
+    Cameras(CamerasArgs),
     /// Reconstruct a scene: train, then write mesh, preview sheet, metrics and report
     Train(TrainArgs),
     /// Extract a run's mesh, at any resolution and in any format

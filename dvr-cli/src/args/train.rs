@@ -7,6 +7,7 @@ use clap::Args;
 use dvr_core::dataset::ObjectOptions;
 use dvr_train::Supervision;
 
+use super::cameras::FindingArgs;
 use super::device::BackendArg;
 use super::mesh::MeshingArgs;
 use super::method::{CapacityArg, MethodName, parse_capacity};
@@ -17,10 +18,10 @@ use super::values::{parse_bytes, parse_duration, within};
 use crate::backend::Backend;
 
 /// Arguments of `dvr train`.
-#[derive(Args, Debug)]
+#[derive(Args, Clone, Debug)]
 pub struct TrainArgs {
-    /// Folder or cameras file of a scene to reconstruct; or folder of a dataset of objects, to train single-image
-    /// reconstruction. Not needed with --resume
+    /// Folder or cameras file of a scene to reconstruct; folder of photographs without cameras, which are found first; or
+    /// folder of a dataset of objects, to train single-image reconstruction. Not needed with --resume
     #[arg(required_unless_present_any = ["resume", "print_config"])]
     pub scene: Option<PathBuf>,
     /// Folder of the run: checkpoints, mesh, preview sheet, metrics, report
@@ -77,6 +78,12 @@ pub struct TrainArgs {
     /// Do not write report.html
     #[arg(long)]
     pub no_report: bool,
+    /// Folder for the cameras of photographs that have none [default: the photographs' folder with -cameras behind its
+    /// name]
+    #[arg(long, value_name = "DIR", help_heading = "Finding cameras (COLMAP)")]
+    pub cameras: Option<PathBuf>,
+    #[command(flatten)]
+    pub finding: FindingArgs,
     #[command(flatten)]
     pub objects: ObjectsArgs,
     #[command(flatten)]

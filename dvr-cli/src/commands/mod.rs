@@ -2,6 +2,7 @@
 
 pub mod bench;
 mod benchmark_page;
+pub mod cameras;
 mod child;
 mod dataset_of_run;
 mod depth_table;

@@ -2,11 +2,12 @@
 
 use std::path::Path;
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use dvr_core::dataset::{ReadOptions, read_scene};
 use dvr_core::{Cancellation, MaskReport, Scene, refine_masks};
 use serde::{Deserialize, Serialize};
 
+use super::cameras::photographs_without_cameras;
 use crate::args::SceneArgs;
 
 /// How a run reads its scene, as its checkpoint stores it.
@@ -34,6 +35,12 @@ impl SceneReading {
         cancellation: &Cancellation,
     ) -> Result<(Scene, V, MaskReport)> {
         let options = ReadOptions { cancellation: cancellation.clone(), ..self.options.clone() };
+        if options.format.is_none() && photographs_without_cameras(path)?.is_some() {
+            bail!(
+                "{0}: there are photographs and no cameras. `dvr cameras {0}` finds them; `dvr train {0}` does so by itself",
+                path.display()
+            );
+        }
         let mut scene = read_scene(path, &options)?;
         let views = divide(&mut scene)?;
         let report = if self.refine_masks { refine_masks(&mut scene, cancellation)? } else { MaskReport::default() };

@@ -1,5 +1,6 @@
 //! `dvr train`: the whole job.
 
+use std::borrow::Cow;
 use std::process::ExitCode;
 
 use anyhow::{Result, bail};
@@ -11,6 +12,7 @@ use dvr_train::{
     Checkpoint, Error, Method, Observer, RunFolder, RunMetrics, RunOptions, Stop, ViewMetrics, finish, train,
 };
 
+use super::cameras::{photographs_without_cameras, scene_of_photographs};
 use super::depth_table::in_short;
 use super::method_of_args::method_of_args;
 use super::points_table::print_points;
@@ -37,6 +39,7 @@ pub fn run(args: &TrainArgs, cancellation: &Cancellation) -> Result<ExitCode> {
     }
     let Some(out) = &args.out else { bail!("no output folder was given: add --out DIR") };
     let start = RunStart::new(args, out)?;
+    let args = &with_cameras(args, cancellation)?;
     let method = match &start.resumed {
         Some(checkpoint) => resumed_method(args, checkpoint)?,
         None => method_of_args(args, is_dataset)?,
@@ -45,6 +48,17 @@ pub fn run(args: &TrainArgs, cancellation: &Cancellation) -> Result<ExitCode> {
         Some(config) => train_objects::run(args, start, method.as_ref(), config, cancellation),
         None => train_scene(args, start, method.as_ref(), cancellation),
     }
+}
+
+/// The arguments with the scene that was made of photographs without cameras, where these are given.
+fn with_cameras<'a>(args: &'a TrainArgs, cancellation: &Cancellation) -> Result<Cow<'a, TrainArgs>> {
+    let Some(path) = args.scene.as_ref().filter(|_| args.reading.format.is_none()) else {
+        return Ok(Cow::Borrowed(args));
+    };
+    let Some(source) = photographs_without_cameras(path)? else { return Ok(Cow::Borrowed(args)) };
+    let scene =
+        scene_of_photographs(&source, path, args.cameras.as_ref(), &args.finding, args.overwrite, cancellation)?;
+    Ok(Cow::Owned(TrainArgs { scene: Some(scene), ..args.clone() }))
 }
 
 /// Trains, then writes mesh, preview and figures.

@@ -12,11 +12,12 @@ use crate::raster::Mask;
 /// Names of the folder of masks.
 pub(super) const MASK_FOLDERS: [&str; 4] = ["mask", "masks", "silhouette", "silhouettes"];
 
-/// The mask file of each image, where `root` has a folder of masks. Images are given relative to theirs.
+/// The mask file of each image, where `root` has a folder of masks (`mask`, `masks`, `silhouette` or `silhouettes`).
+/// Images are given relative to their own folder.
 ///
 /// # Errors
 /// [`Error::Io`](crate::Error::Io) where the folder cannot be listed.
-pub(super) fn find_masks(root: &Path, images: &[PathBuf]) -> Result<Vec<Option<PathBuf>>> {
+pub fn find_masks(root: &Path, images: &[PathBuf]) -> Result<Vec<Option<PathBuf>>> {
     match sub_folder(root, &MASK_FOLDERS) {
         Some(folder) => partners(images, &folder, pictures()),
         None => Ok(vec![None; images.len()]),

@@ -40,13 +40,12 @@ mod write_transforms;
 pub use crop::square_around;
 pub use digest::digest_of_scene;
 pub use input_picture::input_picture;
-pub use layouts::{detect_format, is_object_dataset};
-pub use masks::mask_from_background;
+pub use layouts::{ColmapModel, PosedPicture, detect_format, is_object_dataset, read_colmap_model};
+pub use masks::{find_masks, mask_from_background};
 pub use object_dataset::{ObjectDataset, ObjectOptions};
 pub use objects::{ObjectRef, list_objects};
 pub use options::{Background, BackgroundColor, Format, Normalise, ReadOptions};
-pub use pairing::list_pictures;
-pub(crate) use pairing::natural_order;
+pub use pairing::{list_pictures, natural_order};
 pub use read::read_scene;
 pub use write_transforms::write_transforms;
 

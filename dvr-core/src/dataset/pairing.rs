@@ -61,8 +61,8 @@ pub(super) fn folder_name(root: &Path) -> String {
     name(root).or_else(|| name(&root.canonicalize().ok()?)).unwrap_or_default()
 }
 
-/// Compares as a person would: runs of digits by their value.
-pub(crate) fn natural_order(a: &str, b: &str) -> Ordering {
+/// Compares names as a person would: runs of digits by their value, so that `r_2` comes before `r_10`.
+pub fn natural_order(a: &str, b: &str) -> Ordering {
     let (mut x, mut y) = (a.as_bytes(), b.as_bytes());
     while let (Some(&p), Some(&q)) = (x.first(), y.first()) {
         if p.is_ascii_digit() && q.is_ascii_digit() {

@@ -12,6 +12,8 @@ use crate::files::write_bytes_atomically;
 #[derive(Serialize)]
 struct Transforms<'a> {
     camera_model: &'static str,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    ply_file_path: Option<&'a str>,
     frames: Vec<Frame<'a>>,
 }
 
@@ -28,13 +30,18 @@ struct Frame<'a> {
 }
 
 /// Writes cameras, each with the path of its picture beside the file, as nerfstudio's `transforms.json`: intrinsics in
-/// each frame, camera to world with y up and a view along -z. Skew, which the format does not know, is left out.
+/// each frame, camera to world with y up and a view along -z. Skew, which the format does not know, is left out. `points`
+/// is the path of a PLY file with sparse points, where there is one.
 ///
 /// # Errors
 /// When the file cannot be written.
-pub fn write_transforms<'a>(path: &Path, cameras: impl IntoIterator<Item = (&'a str, &'a Camera)>) -> Result<()> {
+pub fn write_transforms<'a>(
+    path: &Path,
+    cameras: impl IntoIterator<Item = (&'a str, &'a Camera)>,
+    points: Option<&'a str>,
+) -> Result<()> {
     let frames = cameras.into_iter().map(|(file_path, camera)| frame(file_path, camera)).collect();
-    let text = serde_json::to_string_pretty(&Transforms { camera_model: "PINHOLE", frames })
+    let text = serde_json::to_string_pretty(&Transforms { camera_model: "PINHOLE", ply_file_path: points, frames })
         .map_err(|e| Error::format(path, e.to_string(), "Report this."))?;
     write_bytes_atomically(path, text.as_bytes())
 }
@@ -76,7 +83,7 @@ mod tests {
             write_rgb_png(&folder.path().join(format!("{name}.png")), &picture).unwrap();
         }
         let file = folder.path().join("transforms.json");
-        write_transforms(&file, names.into_iter().zip(&cameras)).unwrap();
+        write_transforms(&file, names.into_iter().zip(&cameras), None).unwrap();
         let options = ReadOptions {
             background: Some(crate::dataset::Background::of(crate::dataset::BackgroundColor::White)),
             normalise: Normalise::Given(crate::Similarity::default()),

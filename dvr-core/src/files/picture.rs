@@ -4,7 +4,9 @@ use std::io::Cursor;
 use std::ops::Deref;
 use std::path::Path;
 
+use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::PngEncoder;
+use image::metadata::Orientation;
 use image::{
     DynamicImage, ExtendedColorType, GrayImage, ImageBuffer, ImageDecoder, ImageEncoder, ImageFormat, ImageReader,
     Limits, Luma, RgbImage, RgbaImage,
@@ -38,6 +40,52 @@ pub fn read_photo(path: &Path) -> Result<Photo> {
     let decoded = decode(path)?;
     let alpha = alpha_of(&decoded);
     Ok(Photo { image: into_rgb(decoded), alpha: alpha.map(Mask::from) })
+}
+
+/// A photograph as a person looks at it, for programs that find its camera.
+#[derive(Clone, Debug)]
+pub struct UprightPhoto {
+    /// The picture, turned as its orientation tag says.
+    pub photo: Photo,
+    /// How it was turned or mirrored for that; a mask of the pixels as they are stored is turned likewise.
+    pub orientation: Orientation,
+    /// Its EXIF block (a TIFF header and its directories), without the orientation.
+    pub exif: Option<Vec<u8>>,
+    /// Whether the file is a JPEG or an 8-bit PNG without transparent pixels: what any program reads as we do.
+    pub is_plain: bool,
+}
+
+/// Reads a photograph and turns it as its EXIF orientation says; otherwise as [`read_photo`], which see for files and
+/// errors. `bytes` are those of the file at `path`.
+///
+/// # Errors
+/// As [`read_photo`], but for [`Error::Io`].
+pub fn upright_photo(path: &Path, bytes: &[u8]) -> Result<UprightPhoto> {
+    let format = image::guess_format(bytes).ok();
+    let whole = format != Some(ImageFormat::Jpeg) || jpeg_is_whole(bytes);
+    if !whole {
+        return Err(damaged(path, "the file ends before the image does"));
+    }
+    let mut exif = exif_of(bytes);
+    let orientation = exif.as_mut().and_then(|chunk| Orientation::remove_from_exif_chunk(chunk));
+    let orientation = orientation.unwrap_or(Orientation::NoTransforms);
+    let mut decoded = decoded_picture(path, bytes)?;
+    decoded.apply_orientation(orientation);
+    let color = decoded.color();
+    let is_deep = color.bytes_per_pixel() > color.channel_count();
+    let alpha = alpha_of(&decoded);
+    Ok(UprightPhoto {
+        is_plain: matches!(format, Some(ImageFormat::Jpeg | ImageFormat::Png)) && !is_deep && alpha.is_none(),
+        photo: Photo { image: into_rgb(decoded), alpha: alpha.map(Mask::from) },
+        orientation,
+        exif,
+    })
+}
+
+/// The EXIF block of a picture that has one.
+fn exif_of(bytes: &[u8]) -> Option<Vec<u8>> {
+    let reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().ok()?;
+    reader.into_decoder().ok()?.exif_metadata().ok()?
 }
 
 /// [`read_photo`] without its alpha channel.
@@ -82,6 +130,22 @@ pub fn read_mask(path: &Path) -> Result<Mask> {
 /// [`Error::Io`] where the file cannot be written.
 pub fn write_rgb_png(path: &Path, image: &RgbImage) -> Result<()> {
     write_png(path, image, image.dimensions(), ExtendedColorType::Rgb8)
+}
+
+/// Writes a JPEG of the given quality (1 to 100) without chroma subsampling, with an EXIF block where one is given.
+///
+/// # Errors
+/// [`Error::Io`] where the file cannot be written.
+pub fn write_jpeg(path: &Path, image: &RgbImage, quality: u8, exif: Option<&[u8]>) -> Result<()> {
+    let refused = |error| Error::io(path, std::io::Error::other(error));
+    let mut bytes = Vec::new();
+    let mut encoder = JpegEncoder::new_with_quality(&mut bytes, quality);
+    // A block that does not fit into its segment is left out: the picture is what matters.
+    if let Some(exif) = exif.filter(|exif| exif.len() < 60_000) {
+        encoder.set_exif_metadata(exif.to_vec()).map_err(|error| Error::io(path, std::io::Error::other(error)))?;
+    }
+    encoder.write_image(image, image.width(), image.height(), ExtendedColorType::Rgb8).map_err(refused)?;
+    write_bytes_atomically(path, &bytes)
 }
 
 /// Writes an 8-bit RGBA PNG.
@@ -313,6 +377,43 @@ mod tests {
             std::fs::write(&path, &bytes[..length]).unwrap();
             assert!(matches!(read_rgb(&path), Err(Error::Format { .. })), "{length} of {} bytes", bytes.len());
         }
+    }
+
+    /// An EXIF block in little endian with one tag, the orientation.
+    fn oriented(orientation: u8) -> Vec<u8> {
+        let mut block = b"II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0".to_vec();
+        block.extend([orientation, 0, 0, 0, 0, 0, 0, 0]);
+        block
+    }
+
+    #[test]
+    fn a_photograph_that_was_taken_sideways_is_turned_where_that_is_asked_for() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.jpg");
+        let image = RgbImage::from_fn(32, 16, |u, _| Rgb(if u < 16 { [250; 3] } else { [5; 3] }));
+        write_jpeg(&path, &image, 98, Some(&oriented(6))).unwrap();
+        assert_eq!(read_rgb(&path).unwrap().dimensions(), (32, 16), "calibrations mean the pixels as they are");
+        let upright = upright_photo(&path, &std::fs::read(&path).unwrap()).unwrap();
+        assert!(upright.orientation == Orientation::Rotate90 && upright.is_plain);
+        assert_eq!(upright.photo.image.dimensions(), (16, 32));
+        assert!(upright.photo.image.get_pixel(8, 2).0[0] > 200 && upright.photo.image.get_pixel(8, 29).0[0] < 50);
+        // Written again with the block that is left, it stays as it is.
+        write_jpeg(&path, &upright.photo.image, 98, upright.exif.as_deref()).unwrap();
+        let again = upright_photo(&path, &std::fs::read(&path).unwrap()).unwrap();
+        assert_eq!((again.orientation, again.photo.image.dimensions()), (Orientation::NoTransforms, (16, 32)));
+    }
+
+    #[test]
+    fn pictures_that_other_programs_read_otherwise_are_told() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.png");
+        let is_plain = || upright_photo(&path, &std::fs::read(&path).unwrap()).unwrap().is_plain;
+        write_rgb_png(&path, &RgbImage::new(3, 2)).unwrap();
+        assert!(is_plain());
+        write_rgba_png(&path, &RgbaImage::from_fn(3, 2, |u, _| Rgba([9, 8, 7, if u == 1 { 255 } else { 0 }]))).unwrap();
+        assert!(!is_plain());
+        ImageBuffer::<Rgb<u16>, Vec<u16>>::from_pixel(2, 2, Rgb([65535, 100, 0])).save(&path).unwrap();
+        assert!(!is_plain());
     }
 
     #[test]

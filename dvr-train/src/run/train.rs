@@ -110,7 +110,8 @@ fn refine(
     if !refined.cameras.is_empty() {
         let in_world = |view: &View| (view.name.clone(), view.camera.into_world(&scene.object_to_world));
         let cameras: Vec<(String, Camera)> = scene.views.iter().map(in_world).collect();
-        write_transforms(&options.folder.cameras(), cameras.iter().map(|(name, camera)| (name.as_str(), camera)))?;
+        let cameras = cameras.iter().map(|(name, camera)| (name.as_str(), camera));
+        write_transforms(&options.folder.cameras(), cameras, None)?;
     }
     Ok(refined)
 }

@@ -14,13 +14,16 @@ const REQUIRE: &str = "DVR_REQUIRE";
 /// ```text
 /// #[test_with(gpu)]                                      an adapter; a software adapter will do
 /// #[test_with(browser)]                                  a Chromium
+/// #[test_with(colmap)]                                   COLMAP
+/// #[test_with(ffmpeg)]                                   ffmpeg
 /// #[test_with(mounts)]                                   a Linux where a test may mount a disk of its own
 /// #[test_with(scene("dtu_scan65"), scene("meshes"))]     what lies in DVR_SCENES
 /// #[test_with(large_fixture("resnet18_c256_fp16.pt"))]   what lies in DVR_LARGE_FIXTURES
 /// ```
 ///
 /// Where it is missing, the test is `ignored`, and the harness gives the reason and counts it. Where `DVR_REQUIRE`
-/// lists it (`gpu`, `browser`, `mounts`, `scenes`, `large_fixtures`), the test is run all the same, and fails.
+/// lists it (`gpu`, `browser`, `colmap`, `ffmpeg`, `mounts`, `scenes`,
+/// `large_fixtures`), the test is run all the same, and fails.
 ///
 /// The machine is looked at when the test is compiled; a change of one of these variables compiles it again.
 #[proc_macro_attribute]
@@ -66,6 +69,8 @@ fn ignored(needs: TokenStream) -> Result<Option<String>, String> {
         let (name, found) = match (need.as_str(), argument) {
             ("gpu", None) => ("gpu", present::gpu_driver()),
             ("browser", None) => ("browser", present::browser().map(drop)),
+            ("colmap", None) => ("colmap", present::program("colmap").map(drop)),
+            ("ffmpeg", None) => ("ffmpeg", present::program("ffmpeg").map(drop)),
             ("mounts", None) => ("mounts", present::mounts()),
             ("scene", Some(part)) => ("scenes", present::below(present::SCENES, &part).map(drop)),
             ("large_fixture", Some(part)) => {
@@ -73,7 +78,7 @@ fn ignored(needs: TokenStream) -> Result<Option<String>, String> {
             }
             _ => {
                 return Err(format!(
-                    "`{need}` is none of: gpu, browser, mounts, scene(\"...\"), large_fixture(\"...\")"
+                    "`{need}` is none of: gpu, browser, colmap, ffmpeg, mounts, scene(\"...\"), large_fixture(\"...\")"
                 ));
             }
         };

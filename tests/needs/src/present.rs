@@ -29,6 +29,13 @@ pub fn browser() -> Result<PathBuf, String> {
     programs.find(|path| path.is_file()).ok_or_else(|| "there is no chromium or chrome in PATH".into())
 }
 
+/// A program in one of the folders of `PATH`.
+pub fn program(name: &str) -> Result<PathBuf, String> {
+    let paths = env::var_os("PATH").unwrap_or_default();
+    let mut programs = env::split_paths(&paths).map(|folder| folder.join(name));
+    programs.find(|path| path.is_file()).ok_or_else(|| format!("there is no {name} in PATH"))
+}
+
 /// Whether a test may mount a disk of its own: in a namespace of its own, which Linux allows to users in most places.
 pub fn mounts() -> Result<(), String> {
     let mount = ["--user", "--map-root-user", "--mount", "mount", "-t", "tmpfs", "tmpfs", "/tmp"];

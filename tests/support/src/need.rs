@@ -35,6 +35,12 @@ pub fn gpu<T, E: Display>(opened: Result<T, E>) -> T {
     }))
 }
 
+/// A program, as `colmap` and `ffmpeg` are.
+#[track_caller]
+pub fn program(name: &str) -> PathBuf {
+    needed(present::program(name))
+}
+
 /// The program of a Chromium.
 #[track_caller]
 pub fn browser() -> PathBuf {

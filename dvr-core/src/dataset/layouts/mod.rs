@@ -21,6 +21,7 @@ use crate::error::{Error, Result};
 use layout::Layout;
 
 pub(super) use colmap::read_verified_points as read_colmap_points;
+pub use colmap::{ColmapModel, PosedPicture, read_colmap_model};
 
 /// Every layout, in the order in which they are looked for.
 const LAYOUTS: &[&Layout] = &[&transforms::LAYOUT, &middlebury::LAYOUT, &colmap::LAYOUT, &idr::LAYOUT, &dvr::LAYOUT];

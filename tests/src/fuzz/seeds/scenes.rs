@@ -51,7 +51,7 @@ pub(in crate::fuzz) fn transforms() -> Vec<Vec<u8>> {
     let names = NAMES.map(|name| format!("{name}.png"));
     let ours = written("transforms.json", |path| {
         let cameras = cameras();
-        write_transforms(path, names.iter().map(String::as_str).zip(&cameras)).unwrap_or_else(|e| panic!("{e}"));
+        write_transforms(path, names.iter().map(String::as_str).zip(&cameras), None).unwrap_or_else(|e| panic!("{e}"));
     });
     let frame = |i: usize, camera: &Camera| {
         let to_world = DMat4::from_rotation_translation(

@@ -6,6 +6,7 @@
 mod binary;
 mod model;
 mod points;
+mod posed;
 mod text;
 
 use std::path::{Path, PathBuf};
@@ -23,6 +24,7 @@ use crate::lens::Lens;
 use crate::scene::{GroundTruth, Split};
 use model::{ModelCamera, ModelImage};
 pub(in crate::dataset) use points::read_verified_points;
+pub use posed::{ColmapModel, PosedPicture, read_colmap_model};
 
 /// COLMAP: a sparse model, text or binary.
 pub(super) const LAYOUT: Layout = Layout {

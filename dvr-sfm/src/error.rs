@@ -1,0 +1,116 @@
+//! What can go wrong between photographs and cameras.
+
+use std::path::PathBuf;
+
+use dvr_core::Cancelled;
+
+/// Result of anything in this crate that can fail.
+pub(crate) type Result<T> = std::result::Result<T, SfmError>;
+
+/// What went wrong, for the person who holds the photographs.
+#[derive(Debug, thiserror::Error)]
+pub enum SfmError {
+    /// Somebody wanted the work to end. What is finished is kept.
+    #[error("{0}")]
+    Cancelled(#[from] Cancelled),
+    /// A file could not be read or written.
+    #[error(transparent)]
+    Core(dvr_core::Error),
+    /// A program that does the work is not installed.
+    #[error("`{program}`, which {purpose}, is not among the programs of this machine")]
+    NotInstalled {
+        /// `colmap` or `ffmpeg`.
+        program: &'static str,
+        /// What it does, in the present tense.
+        purpose: &'static str,
+    },
+    /// There are too few pictures for cameras to be found.
+    #[error("{}: {found} of the pictures can be used, and cameras are found from {least} on. {TAKE_MORE}", path.display())]
+    TooFewPictures {
+        /// Where they were looked for.
+        path: PathBuf,
+        /// How many there are.
+        found: usize,
+        /// How many there must be.
+        least: usize,
+    },
+    /// Pictures in a format that is not read.
+    #[error("{}: {} pictures are {kind}, which is not read: {}", path.display(), names.len(), some(names))]
+    OtherFormat {
+        /// Where they are.
+        path: PathBuf,
+        /// Their names.
+        names: Vec<String>,
+        /// The format: `HEIC` or `camera raw`.
+        kind: &'static str,
+    },
+    /// Two pictures differ in the endings of their names alone.
+    #[error("{}: `{first}` and `{second}` have one name. Remove one of the two, or rename it.", path.display())]
+    SameName {
+        /// Where they are.
+        path: PathBuf,
+        /// One of them.
+        first: String,
+        /// The other.
+        second: String,
+    },
+    /// The folder has cameras of other photographs, or found with other options.
+    #[error("{} has cameras of other photographs, or found by other options", path.display())]
+    OtherPhotographs {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// No two pictures show the same thing from different places.
+    #[error(
+        "no cameras were found: the {pictures} pictures do not show one thing from overlapping sides, or show too little \
+         that is textured. {TAKE_MORE} What COLMAP said: {}",
+        log.display()
+    )]
+    NoModel {
+        /// How many pictures there are.
+        pictures: usize,
+        /// All that COLMAP said.
+        log: PathBuf,
+    },
+    /// COLMAP or ffmpeg came to no good end.
+    #[error("{program} failed at {step} ({how}): {said}. All that it said: {}", log.display())]
+    Failed {
+        /// `colmap` or `ffmpeg`.
+        program: &'static str,
+        /// What it was at.
+        step: &'static str,
+        /// Its exit code or signal.
+        how: String,
+        /// Its last words.
+        said: String,
+        /// All of them.
+        log: PathBuf,
+    },
+    /// A clip gives no frames.
+    #[error("{}: no frames can be read from the clip ({said})", path.display())]
+    BadClip {
+        /// The clip.
+        path: PathBuf,
+        /// What ffmpeg said.
+        said: String,
+    },
+}
+
+/// What helps against most of it.
+const TAKE_MORE: &str = "Take 30 or more from all sides, each overlapping its neighbours by two thirds.";
+
+impl From<dvr_core::Error> for SfmError {
+    fn from(error: dvr_core::Error) -> Self {
+        match error {
+            dvr_core::Error::Cancelled(cancelled) => Self::Cancelled(cancelled),
+            other => Self::Core(other),
+        }
+    }
+}
+
+/// The first names of a list, and how many more there are.
+pub(crate) fn some(names: &[String]) -> String {
+    const SHOWN: usize = 12;
+    let shown = names.iter().take(SHOWN).cloned().collect::<Vec<_>>().join(", ");
+    if names.len() > SHOWN { format!("{shown} and {} more", names.len() - SHOWN) } else { shown }
+}

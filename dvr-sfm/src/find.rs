@@ -1,0 +1,214 @@
+//! From photographs to a folder with cameras.
+
+use std::path::Path;
+
+use dvr_core::dataset::{ColmapModel, read_colmap_model, write_transforms};
+use dvr_core::files::{check_beside_data, read_bytes, write_bytes_atomically};
+use dvr_core::mesh::{Mesh, write_mesh};
+use serde::Serialize;
+use sha2::{Digest, Sha256};
+
+use crate::engine::Engine;
+use crate::error::{Result, SfmError, some};
+use crate::masks::undistort_masks;
+use crate::options::{Event, SfmOptions};
+use crate::pictures::{Preparation, digest, make_folder_of};
+use crate::result::FoundCameras;
+use crate::source::Source;
+use crate::steps::{MASKS, PICTURES, Steps, TEXT_MODEL, UNDISTORTED, models};
+use crate::workspace::{Workspace, refused};
+
+/// Fewer pictures have no structure that their motion could show.
+const LEAST: usize = 3;
+
+/// Version of what is made: another one begins anew.
+const VERSION: u32 = 1;
+
+/// Finds the cameras of photographs and writes them, with undistorted pictures, to the folder `out`; what is finished
+/// there for the same photographs and options is taken as it is.
+///
+/// `tell` is told what happens.
+///
+/// # Errors
+/// [`SfmError`]: too few pictures, COLMAP missing or failing, nothing that fits together, a folder that is not ours.
+/// [`SfmError::Cancelled`] where the options' token wants the work to end; what is finished by then is kept.
+pub fn find_cameras(
+    source: &Source,
+    out: &Path,
+    options: &SfmOptions,
+    tell: &mut dyn FnMut(Event),
+) -> Result<FoundCameras> {
+    let Source::Pictures { root, folder, pictures } = source;
+    check_beside_data(out, root)?;
+    if pictures.len() < LEAST {
+        return Err(SfmError::TooFewPictures { path: root.clone(), found: pictures.len(), least: LEAST });
+    }
+    let key = key_of(&digest(root, folder, pictures, &options.cancellation)?, options);
+    if let Some(found) = FoundCameras::read(out).filter(|found| found.key == key) {
+        return Ok(found);
+    }
+    let engine = Engine::find(options.program.as_deref())?;
+    let mut workspace = Workspace::open(out, &key, options.may_replace)?;
+    prepare(source, &mut workspace, options, tell)?;
+    let mut steps = Steps { engine: &engine, options, is_clip: false, tell };
+    workspace.step("features", |workspace| steps.features(workspace))?;
+    workspace.step("matching", |workspace| steps.matches(workspace))?;
+    workspace.step("mapping", |workspace| steps.mapping(workspace))?;
+    let models = models(&workspace)?;
+    let Some((model, distorted)) = models.first() else {
+        return Err(SfmError::NoModel { pictures: workspace.pictures().len(), log: workspace.log.path.clone() });
+    };
+    workspace.step("undistortion", |workspace| steps.undistortion(workspace, model))?;
+    let model_sizes: Vec<usize> = models.iter().map(|(_, model)| model.pictures.len()).collect();
+    publish(workspace, &engine, distorted, model_sizes, &key, options, tell)
+}
+
+/// Pictures as COLMAP gets them.
+fn prepare(
+    source: &Source,
+    workspace: &mut Workspace,
+    options: &SfmOptions,
+    tell: &mut dyn FnMut(Event),
+) -> Result<()> {
+    let Source::Pictures { root, folder, pictures } = source;
+    workspace.step("pictures", |workspace| {
+        tell(Event::Step { name: "looking at the pictures", parts: 1 });
+        let preparation = Preparation {
+            folder,
+            root,
+            originals: pictures,
+            pictures: workspace.empty(PICTURES)?,
+            masks: workspace.empty(MASKS)?,
+            sharing: options.sharing,
+        };
+        let (prepared, notes) = preparation.run(&options.cancellation)?;
+        workspace.set_pictures(prepared);
+        for note in notes {
+            tell(Event::Note(note.clone()));
+            workspace.note(note);
+        }
+        let found = workspace.pictures().len();
+        if found < LEAST {
+            return Err(SfmError::TooFewPictures { path: root.clone(), found, least: LEAST });
+        }
+        tell(Event::Progress(1));
+        Ok(())
+    })?;
+    Ok(())
+}
+
+/// Moves what was found to its place, the description of it last.
+fn publish(
+    mut workspace: Workspace,
+    engine: &Engine,
+    distorted: &ColmapModel,
+    model_sizes: Vec<usize>,
+    key: &str,
+    options: &SfmOptions,
+    tell: &mut dyn FnMut(Event),
+) -> Result<FoundCameras> {
+    let undistorted = read_colmap_model(&workspace.work(TEXT_MODEL))?;
+    let names: Vec<&str> = undistorted.pictures.iter().map(|picture| picture.name.as_str()).collect();
+    let masks = workspace.pictures().iter().filter_map(|picture| picture.mask.as_ref());
+    let masks = masks.map(|mask| format!("masks/{mask}"));
+    let files: Vec<String> = names.iter().map(|name| format!("images/{name}")).chain(masks).collect();
+    workspace.announce(&files)?;
+    for name in &names {
+        let (from, to) = (workspace.work(UNDISTORTED).join("images").join(name), workspace.at("images").join(name));
+        make_folder_of(&to)?;
+        // One that is gone was moved by a process that was killed then.
+        if from.exists() || !to.exists() {
+            std::fs::rename(&from, &to).map_err(|source| refused(&from, source))?;
+        }
+    }
+    let (from, to) = (workspace.work(MASKS), workspace.at("masks"));
+    let masks = undistort_masks(workspace.pictures(), distorted, &undistorted, &from, &to, &options.cancellation)?;
+    for file in ["cameras.txt", "images.txt", "points3D.txt"] {
+        let target = workspace.at("sparse/0").join(file);
+        make_folder_of(&target)?;
+        write_bytes_atomically(&target, &read_bytes(&workspace.work(TEXT_MODEL).join(file))?)?;
+    }
+    let points = &undistorted.points;
+    let cloud = Mesh { vertices: points.points.clone(), colors: points.colors.clone(), ..Mesh::default() };
+    write_mesh(workspace.at("points.ply"), &cloud)?;
+    let paths: Vec<String> = names.iter().map(|name| format!("images/{name}")).collect();
+    let cameras = paths.iter().map(String::as_str).zip(undistorted.pictures.iter().map(|picture| &picture.camera));
+    write_transforms(&workspace.at("transforms.json"), cameras, Some("points.ply"))?;
+
+    let not_placed: Vec<String> = workspace.pictures().iter().map(|picture| picture.name.clone()).collect();
+    let not_placed: Vec<String> = not_placed.into_iter().filter(|name| !names.contains(&name.as_str())).collect();
+    for note in notes_on(names.len(), &not_placed, &model_sizes) {
+        tell(Event::Note(note.clone()));
+        workspace.note(note);
+    }
+    let errors = undistorted.errors_px.iter().filter(|error| **error >= 0.0);
+    let found = FoundCameras {
+        key: key.to_owned(),
+        engine: engine.version.clone(),
+        placed: names.len(),
+        not_placed,
+        model_sizes,
+        points: points.points.len(),
+        mean_error_px: errors.clone().sum::<f64>() / errors.count().max(1) as f64,
+        masks: masks.len(),
+        seconds: workspace.seconds().to_vec(),
+        notes: workspace.notes().to_vec(),
+    };
+    workspace.finish(&found)?;
+    Ok(found)
+}
+
+/// What the user should know of a model.
+fn notes_on(placed: usize, not_placed: &[String], model_sizes: &[usize]) -> Vec<String> {
+    let mut notes = Vec::new();
+    if !not_placed.is_empty() {
+        let all = placed + not_placed.len();
+        let names = some(not_placed);
+        notes.push(format!("{} of {all} pictures could not be placed and are left out: {names}", not_placed.len()));
+    }
+    if let [largest, others @ ..] = model_sizes
+        && !others.is_empty()
+    {
+        let sizes = others.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
+        notes.push(format!(
+            "COLMAP made {} models that are not connected; the largest, of {largest} pictures, is taken (the others have \
+             {sizes})",
+            model_sizes.len()
+        ));
+    }
+    notes
+}
+
+/// What cameras are found from, as a digest.
+fn key_of(photographs: &str, options: &SfmOptions) -> String {
+    #[derive(Serialize)]
+    struct Key<'a> {
+        version: u32,
+        photographs: &'a str,
+        options: &'a SfmOptions,
+    }
+    let json = serde_json::to_vec(&Key { version: VERSION, photographs, options }).unwrap_or_default();
+    Sha256::digest(json).iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_changes_the_cameras_changes_the_key() {
+        let options = SfmOptions::default();
+        let key = key_of("a", &options);
+        assert_eq!(key, key_of("a", &SfmOptions { threads: Some(2), may_replace: true, ..options.clone() }));
+        assert_ne!(key, key_of("b", &options));
+        assert_ne!(key, key_of("a", &SfmOptions { camera_model: "OPENCV".to_owned(), ..options }));
+    }
+
+    #[test]
+    fn what_was_not_placed_is_named() {
+        let notes = notes_on(40, &["x.jpg".to_owned(), "y.jpg".to_owned()], &[40, 5, 3]);
+        assert!(notes[0].contains("2 of 42 pictures") && notes[0].ends_with("x.jpg, y.jpg"), "{notes:?}");
+        assert!(notes[1].contains("3 models") && notes[1].contains("5, 3"), "{notes:?}");
+        assert!(notes_on(3, &[], &[3]).is_empty());
+    }
+}

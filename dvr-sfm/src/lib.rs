@@ -1,0 +1,44 @@
+//! Cameras of photographs that have none: structure from motion by COLMAP, which is run as a program.
+//!
+//! ```no_run
+//! use dvr_sfm::{Source, SfmOptions, find_cameras};
+//!
+//! // Photographs of an object from all sides; the result is a scene that `dvr_core::Scene::read` reads.
+//! let source = Source::at("photos".as_ref())?.ok_or("there are no photographs")?;
+//! let found = find_cameras(&source, "photos-cameras".as_ref(), &SfmOptions::default(), &mut |event| println!("{event:?}"))?;
+//! println!("{} of {} pictures have a camera", found.placed, found.placed + found.not_placed.len());
+//! let scene = dvr_core::Scene::read("photos-cameras/sparse/0")?;
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! The steps are COLMAP's: features (SIFT), matching, mapping (Schoenberger and Frahm, *Structure-from-Motion Revisited*,
+//! CVPR 2016) and undistortion. A step that is finished is not made again: what was stopped goes on where it was. What
+//! the installed version calls its options is read from its help.
+//!
+//! The folder that is written holds `images/` (undistorted), `sparse/0/` (COLMAP's text files), `transforms.json` and
+//! `points.ply` (nerfstudio), `masks/` where the photographs have masks, `sfm.json` (what was found) and `sfm.log` (all
+//! that COLMAP said).
+
+#![warn(missing_docs)]
+
+mod child;
+mod compare;
+mod engine;
+mod error;
+mod exif;
+mod find;
+mod masks;
+mod options;
+mod pictures;
+mod progress;
+mod result;
+mod source;
+mod steps;
+mod workspace;
+
+pub use compare::CameraErrors;
+pub use error::SfmError;
+pub use find::find_cameras;
+pub use options::{CameraSharing, Event, Matching, SfmOptions};
+pub use result::FoundCameras;
+pub use source::Source;
