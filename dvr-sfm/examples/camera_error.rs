@@ -1,4 +1,4 @@
-//! How far the cameras of one scene are from those of another, by the names of views:
+//! How far the cameras of a COLMAP model are from those of a scene, by the names of their pictures:
 //!
 //! ```sh
 //! cargo run --release -p dvr-sfm --example camera_error -- photos-cameras/sparse/0 TRUTH
@@ -7,22 +7,23 @@
 use std::error::Error;
 use std::path::Path;
 
-use dvr_core::dataset::{ReadOptions, read_scene};
-use dvr_core::{Camera, Scene};
+use dvr_core::Camera;
+use dvr_core::dataset::{ReadOptions, read_colmap_model, read_scene};
 use dvr_sfm::CameraErrors;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let paths: Vec<String> = std::env::args().skip(1).collect();
-    let [found, truth] = &paths[..] else { return Err("give the folders of two scenes: found, true".into()) };
-    let read = |path: &str| read_scene(Path::new(path), &ReadOptions::default());
-    let (found, truth) = (read(found)?, read(truth)?);
-    let camera_of = |scene: &Scene, name: &str| -> Option<Camera> {
-        let view = scene.views.iter().find(|view| view.name == name)?;
-        Some(view.camera.into_world(&scene.object_to_world))
+    let [found, truth] = &paths[..] else {
+        return Err("give the folder of a model, and a scene with its truth".into());
     };
-    let names = truth.views.iter().map(|view| view.name.as_str());
-    let pairs: Vec<(Camera, Camera)> =
-        names.filter_map(|name| Some((camera_of(&found, name)?, camera_of(&truth, name)?))).collect();
+    let found = read_colmap_model(Path::new(found))?;
+    let truth = read_scene(Path::new(truth), &ReadOptions::default())?;
+    let mut pairs = Vec::new();
+    for view in &truth.views {
+        let stem = |name: &str| Path::new(name).file_stem().map(|stem| stem.to_string_lossy().into_owned());
+        let picture = found.pictures.iter().find(|picture| stem(&picture.name).as_deref() == Some(&view.name));
+        pairs.extend(picture.map(|picture| (picture.camera.clone(), view.camera.into_world(&truth.object_to_world))));
+    }
     let (a, b): (Vec<Camera>, Vec<Camera>) = pairs.into_iter().unzip();
     let errors = CameraErrors::between(&a, &b).ok_or("the views in common determine no similarity")?;
     println!("{} of {} cameras", a.len(), truth.views.len());

@@ -15,7 +15,7 @@ use crate::options::{Event, SfmOptions};
 use crate::pictures::{Preparation, digest, make_folder_of};
 use crate::result::FoundCameras;
 use crate::source::Source;
-use crate::steps::{MASKS, PICTURES, Steps, TEXT_MODEL, UNDISTORTED, models};
+use crate::steps::{MASKS, PICTURES, REFINED, Steps, TEXT_MODEL, UNDISTORTED, models};
 use crate::workspace::{Workspace, refused};
 
 /// Fewer pictures have no structure that their motion could show.
@@ -55,12 +55,15 @@ pub fn find_cameras(
     workspace.step("matching", |workspace| steps.matches(workspace))?;
     workspace.step("mapping", |workspace| steps.mapping(workspace))?;
     let models = models(&workspace)?;
-    let Some((model, distorted)) = models.first() else {
+    let Some((largest, _)) = models.first() else {
         return Err(SfmError::NoModel { pictures: workspace.pictures().len(), log: workspace.log.path.clone() });
     };
-    workspace.step("undistortion", |workspace| steps.undistortion(workspace, model))?;
+    workspace.step("refinement", |workspace| steps.refinement(workspace, largest))?;
+    let model = workspace.work(REFINED);
+    let distorted = read_colmap_model(&model)?;
+    workspace.step("undistortion", |workspace| steps.undistortion(workspace, &model))?;
     let model_sizes: Vec<usize> = models.iter().map(|(_, model)| model.pictures.len()).collect();
-    publish(workspace, &engine, distorted, model_sizes, &key, options, tell)
+    publish(workspace, &engine, &distorted, model_sizes, &key, options, tell)
 }
 
 /// Pictures as COLMAP gets them.

@@ -12,7 +12,7 @@
 //! ```
 //!
 //! The steps are COLMAP's: features (SIFT), matching, mapping (Schoenberger and Frahm, *Structure-from-Motion Revisited*,
-//! CVPR 2016) and undistortion. A step that is finished is not made again: what was stopped goes on where it was. What
+//! CVPR 2016), bundle adjustment and undistortion. A step that is finished is not made again: what was stopped goes on where it was. What
 //! the installed version calls its options is read from its help.
 //!
 //! The folder that is written holds `images/` (undistorted), `sparse/0/` (COLMAP's text files), `transforms.json` and

@@ -41,6 +41,7 @@ const DATABASE: &str = "database.db";
 pub(crate) const PICTURES: &str = "pictures";
 pub(crate) const MASKS: &str = "masks";
 const MODELS: &str = "models";
+pub(crate) const REFINED: &str = "refined";
 pub(crate) const UNDISTORTED: &str = "undistorted";
 pub(crate) const TEXT_MODEL: &str = "text";
 
@@ -174,6 +175,20 @@ impl Steps<'_> {
             return Err(SfmError::NoModel { pictures: count, log: workspace.log.path.clone() });
         }
         Ok(())
+    }
+
+    /// A last bundle adjustment of a model that moves the principal point, too, where pictures share their intrinsics:
+    /// the mapper holds it in the middle, and turns cameras to make up for that.
+    pub fn refinement(&mut self, workspace: &mut Workspace, model: &Path) -> Result<()> {
+        let target = workspace.empty(REFINED)?;
+        self.begin("refinement", 1);
+        let known = self.engine.options("bundle_adjuster");
+        let mut command = self.engine.command("bundle_adjuster");
+        command.arg("--input_path").arg(model).arg("--output_path").arg(&target);
+        if self.options.sharing != CameraSharing::Picture {
+            known.set(&mut command, &["BundleAdjustment.refine_principal_point"], 1);
+        }
+        self.run(&mut command, "refinement", workspace, 0)
     }
 
     /// Undistorted pictures of a model, which is written as text.

@@ -44,6 +44,7 @@ case $step in
     if [ -f "$here/no_model" ]; then echo "=> No good initial image pair found."; exit 1; fi
     cp -r "$here/models/." "$output"
     echo "Registering image #1 (2)" ;;
+  bundle_adjuster) cp "$input"/* "$output" ;;
   image_undistorter)
     mkdir -p "$output/images" "$output/sparse"
     cp -rL "$images/." "$output/images"; cp "$here/undistorted"/* "$output/sparse"
@@ -138,7 +139,8 @@ fn camera(i: usize) -> Camera {
     Camera::look_at(SIZE.0, SIZE.1, 35.0, eye, DVec3::ZERO, DVec3::Y)
 }
 
-const ALL: [&str; 5] = ["feature_extractor", "exhaustive_matcher", "mapper", "image_undistorter", "model_converter"];
+const ALL: [&str; 6] =
+    ["feature_extractor", "exhaustive_matcher", "mapper", "bundle_adjuster", "image_undistorter", "model_converter"];
 
 #[test]
 fn cameras_are_written_for_colmap_and_nerfstudio_and_found_once() {
@@ -187,9 +189,7 @@ fn other_photographs_replace_cameras_only_where_that_is_asked_for() {
 
 #[test]
 fn a_crash_half_way_leaves_no_result_and_what_was_finished_is_kept() {
-    for (at, step) in
-        ["feature_extractor", "exhaustive_matcher", "mapper", "image_undistorter", "model_converter"].iter().enumerate()
-    {
+    for (at, step) in ALL.iter().enumerate() {
         let fake = Fake::new();
         let crash = fake.at(&format!("crash_{step}"));
         std::fs::write(&crash, "").unwrap();
@@ -204,7 +204,7 @@ fn a_crash_half_way_leaves_no_result_and_what_was_finished_is_kept() {
         std::fs::remove_file(&crash).unwrap();
         fake.find().unwrap();
         // Undistortion is two commands.
-        let repeated = if at == 4 { 3 } else { at };
+        let repeated = if at == 5 { 4 } else { at };
         let expected: Vec<&str> = ALL[..=at].iter().chain(&ALL[repeated..]).copied().collect();
         assert_eq!(fake.calls(), expected, "{step}");
     }
@@ -232,7 +232,7 @@ fn colmap_ends_with_the_work_which_goes_on_where_it_was() {
     std::fs::remove_file(fake.at("hang_mapper")).unwrap();
     let found = fake.find().unwrap();
     assert_eq!(found.placed, 4);
-    assert_eq!(fake.calls(), ["feature_extractor", "exhaustive_matcher", "mapper", "mapper", ALL[3], ALL[4]]);
+    assert_eq!(fake.calls(), [ALL[0], ALL[1], ALL[2], ALL[2], ALL[3], ALL[4], ALL[5]]);
 }
 
 #[test]
