@@ -33,7 +33,8 @@ fn of_core(error: &dvr_core::Error) -> Option<String> {
     use dvr_core::Error;
     match error {
         Error::MasksMissing { .. } => Some(
-            "With a plain background, --background white, black or border takes what differs from it as the object."
+            "With a plain background, --background white, black or border takes what differs from it as the object. Masks \
+             of pictures whose cameras were found go into the folder `masks` beside their `images`."
                 .into(),
         ),
         Error::TooFewViews { .. } => Some("Allow more with --views, and leave out fewer with --ignore.".into()),

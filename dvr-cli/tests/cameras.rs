@@ -101,7 +101,10 @@ fn ctrl_c_ends_colmap_with_exit_code_130() {
     use nix::unistd::Pid;
     let photographs = Photographs::new(4);
     let (photos, colmap, pid) = (photographs.at("photos"), photographs.at("colmap"), photographs.at("pid"));
-    script(&colmap, &format!("[ \"$2\" = -h ] && exit 0\necho $$ > {0}.half; mv {0}.half {0}; sleep 300", pid.display()));
+    script(
+        &colmap,
+        &format!("[ \"$2\" = -h ] && exit 0\necho $$ > {0}.half; mv {0}.half {0}; sleep 300", pid.display()),
+    );
     let mut command = Command::new(env!("CARGO_BIN_EXE_dvr"));
     let mut child = command.args(["cameras", text(&photos), "--colmap", text(&colmap)]).spawn().unwrap();
     while !pid.exists() {

@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
-use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
+use std::sync::mpsc::{RecvTimeoutError, SyncSender, sync_channel};
 use std::thread::spawn;
 use std::time::{Duration, Instant};
 
@@ -17,6 +17,9 @@ const LOOK_EVERY: Duration = Duration::from_millis(50);
 
 /// How long a program may take to end when it is asked to.
 const PATIENCE: Duration = Duration::from_secs(1);
+
+/// Lines and pieces that may wait to be heard; a program that is faster waits itself.
+const WAITING: usize = 64;
 
 /// All that programs said.
 pub(crate) struct Log {
@@ -38,14 +41,30 @@ impl Log {
     }
 }
 
-/// What is run, for messages.
+/// What is run.
 #[derive(Clone, Copy)]
 pub(crate) struct Task {
     pub program: &'static str,
     pub step: &'static str,
+    /// Its standard output is bytes, and no lines.
+    pub takes_bytes: bool,
 }
 
-/// Runs a program to its end; `heard` gets its lines.
+/// What a program gives out.
+pub(crate) enum Heard<'a> {
+    /// A line.
+    Line(&'a str),
+    /// A piece of its standard output.
+    Bytes(&'a [u8]),
+}
+
+/// The same on its way from the thread that reads it.
+enum Said {
+    Line(String),
+    Bytes(Vec<u8>),
+}
+
+/// Runs a program to its end; `heard` gets what it gives out.
 ///
 /// # Errors
 /// [`SfmError::Failed`] where it cannot be started, or does not end with success; [`SfmError::Cancelled`], after it was
@@ -55,7 +74,7 @@ pub(crate) fn run(
     task: Task,
     log: &mut Log,
     cancellation: &Cancellation,
-    heard: &mut dyn FnMut(&str),
+    heard: &mut dyn FnMut(Heard<'_>),
 ) -> Result<()> {
     cancellation.check()?;
     // A program that ends itself waits for as long as there is a child to end.
@@ -69,9 +88,10 @@ pub(crate) fn run(
         Ok(child) => child,
         Err(error) => return failed("it could not be started".to_owned(), error.to_string(), log),
     };
-    let (sender, lines) = channel();
+    let (sender, lines) = sync_channel(WAITING);
     if let Some(stdout) = child.stdout.take() {
-        follow(stdout, sender.clone());
+        let sender = sender.clone();
+        if task.takes_bytes { pass_on(stdout, sender) } else { follow(stdout, sender) }
     }
     if let Some(stderr) = child.stderr.take() {
         follow(stderr, sender);
@@ -84,11 +104,12 @@ pub(crate) fn run(
             return Err(dvr_core::Cancelled.into());
         }
         match lines.recv_timeout(LOOK_EVERY) {
-            Ok(line) => {
+            Ok(Said::Line(line)) => {
                 log.line(&line);
                 words.hear(&line);
-                heard(&line);
+                heard(Heard::Line(&line));
             }
+            Ok(Said::Bytes(bytes)) => heard(Heard::Bytes(&bytes)),
             Err(RecvTimeoutError::Timeout) => {}
             Err(RecvTimeoutError::Disconnected) => break,
         }
@@ -122,14 +143,14 @@ fn ended(child: &mut Child, cancellation: &Cancellation) -> std::io::Result<Opti
 }
 
 /// Sends the lines of a stream. COLMAP ends some of its lines by a carriage return.
-fn follow(mut stream: impl Read + Send + 'static, lines: Sender<String>) {
+fn follow(mut stream: impl Read + Send + 'static, lines: SyncSender<Said>) {
     spawn(move || {
         let (mut line, mut buffer) = (Vec::new(), [0; 4096]);
         while let Ok(count @ 1..) = stream.read(&mut buffer) {
             for &byte in &buffer[..count] {
                 if byte == b'\n' || byte == b'\r' {
                     // Nobody listens any more where the work was ended.
-                    let _ = lines.send(String::from_utf8_lossy(&line).into_owned());
+                    let _ = lines.send(Said::Line(String::from_utf8_lossy(&line).into_owned()));
                     line.clear();
                 } else {
                     line.push(byte);
@@ -137,7 +158,20 @@ fn follow(mut stream: impl Read + Send + 'static, lines: Sender<String>) {
             }
         }
         if !line.is_empty() {
-            let _ = lines.send(String::from_utf8_lossy(&line).into_owned());
+            let _ = lines.send(Said::Line(String::from_utf8_lossy(&line).into_owned()));
+        }
+    });
+}
+
+/// Sends what a stream holds.
+fn pass_on(mut stream: impl Read + Send + 'static, pieces: SyncSender<Said>) {
+    spawn(move || {
+        let mut buffer = vec![0; 1 << 16];
+        while let Ok(count @ 1..) = stream.read(&mut buffer) {
+            // Nobody listens any more where the work was ended.
+            if pieces.send(Said::Bytes(buffer[..count].to_vec())).is_err() {
+                return;
+            }
         }
     });
 }
@@ -219,7 +253,7 @@ fn end(child: &mut Child) {
 mod tests {
     use super::*;
 
-    const TASK: Task = Task { program: "colmap", step: "features" };
+    const TASK: Task = Task { program: "colmap", step: "features", takes_bytes: false };
 
     fn shell(script: &str, cancellation: &Cancellation) -> (Result<()>, Vec<String>) {
         let folder = tempfile::tempdir().unwrap();
@@ -227,7 +261,11 @@ mod tests {
         let mut lines = Vec::new();
         let mut command = Command::new("sh");
         command.args(["-c", script]);
-        let result = run(&mut command, TASK, &mut log, cancellation, &mut |line| lines.push(line.to_owned()));
+        let result = run(&mut command, TASK, &mut log, cancellation, &mut |heard| {
+            if let Heard::Line(line) = heard {
+                lines.push(line.to_owned());
+            }
+        });
         let logged = std::fs::read_to_string(&log.path).unwrap();
         assert!(lines.iter().all(|line| logged.contains(line)), "{logged}");
         (result, lines)

@@ -1,13 +1,17 @@
 //! From photographs to a folder with cameras.
 
-use std::path::Path;
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
 
-use dvr_core::dataset::{ColmapModel, read_colmap_model, write_transforms};
+use dvr_core::Cancellation;
+use dvr_core::dataset::{ColmapModel, list_pictures, read_colmap_model, write_transforms};
 use dvr_core::files::{check_beside_data, read_bytes, write_bytes_atomically};
 use dvr_core::mesh::{Mesh, write_mesh};
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 
+use crate::clip::take_frames;
 use crate::engine::Engine;
 use crate::error::{Result, SfmError, some};
 use crate::masks::undistort_masks;
@@ -20,6 +24,9 @@ use crate::workspace::{Workspace, refused};
 
 /// Fewer pictures have no structure that their motion could show.
 const LEAST: usize = 3;
+
+/// Frames of a clip, in the folder of what is half-finished.
+const FRAMES: &str = "frames";
 
 /// Version of what is made: another one begins anew.
 const VERSION: u32 = 1;
@@ -38,19 +45,24 @@ pub fn find_cameras(
     options: &SfmOptions,
     tell: &mut dyn FnMut(Event),
 ) -> Result<FoundCameras> {
-    let Source::Pictures { root, folder, pictures } = source;
-    check_beside_data(out, root)?;
-    if pictures.len() < LEAST {
-        return Err(SfmError::TooFewPictures { path: root.clone(), found: pictures.len(), least: LEAST });
-    }
-    let key = key_of(&digest(root, folder, pictures, &options.cancellation)?, options);
+    let digest = match source {
+        Source::Pictures { root, folder, pictures } => {
+            check_beside_data(out, root)?;
+            if pictures.len() < LEAST {
+                return Err(SfmError::TooFewPictures { path: root.clone(), found: pictures.len(), least: LEAST });
+            }
+            digest(root, folder, pictures, &options.cancellation)?
+        }
+        Source::Clip(clip) => digest_of_clip(clip, &options.cancellation)?,
+    };
+    let key = key_of(&digest, options);
     if let Some(found) = FoundCameras::read(out).filter(|found| found.key == key) {
         return Ok(found);
     }
     let engine = Engine::find(options.program.as_deref())?;
     let mut workspace = Workspace::open(out, &key, options.may_replace)?;
     prepare(source, &mut workspace, options, tell)?;
-    let mut steps = Steps { engine: &engine, options, is_clip: false, tell };
+    let mut steps = Steps { engine: &engine, options, is_clip: matches!(source, Source::Clip(_)), tell };
     workspace.step("features", |workspace| steps.features(workspace))?;
     workspace.step("matching", |workspace| steps.matches(workspace))?;
     workspace.step("mapping", |workspace| steps.mapping(workspace))?;
@@ -66,20 +78,34 @@ pub fn find_cameras(
     publish(workspace, &engine, &distorted, model_sizes, &key, options, tell)
 }
 
-/// Pictures as COLMAP gets them.
+/// Pictures as COLMAP gets them, after the frames that they are made of.
 fn prepare(
     source: &Source,
     workspace: &mut Workspace,
     options: &SfmOptions,
     tell: &mut dyn FnMut(Event),
 ) -> Result<()> {
-    let Source::Pictures { root, folder, pictures } = source;
+    if let Source::Clip(clip) = source {
+        workspace.step("frames", |workspace| take(clip, workspace, options, tell))?;
+    }
     workspace.step("pictures", |workspace| {
         tell(Event::Step { name: "looking at the pictures", parts: 1 });
+        let (root, folder, originals) = match source {
+            Source::Pictures { root, folder, pictures } => (root.clone(), folder.clone(), pictures.clone()),
+            Source::Clip(_) => {
+                let folder = workspace.work(FRAMES);
+                let frames = list_pictures(&folder)?;
+                (
+                    folder.clone(),
+                    folder,
+                    frames.iter().filter_map(|frame| frame.file_name()).map(PathBuf::from).collect(),
+                )
+            }
+        };
         let preparation = Preparation {
-            folder,
-            root,
-            originals: pictures,
+            folder: &folder,
+            root: &root,
+            originals: &originals,
             pictures: workspace.empty(PICTURES)?,
             masks: workspace.empty(MASKS)?,
             sharing: options.sharing,
@@ -92,12 +118,45 @@ fn prepare(
         }
         let found = workspace.pictures().len();
         if found < LEAST {
-            return Err(SfmError::TooFewPictures { path: root.clone(), found, least: LEAST });
+            return Err(SfmError::TooFewPictures { path: source.path().to_owned(), found, least: LEAST });
         }
         tell(Event::Progress(1));
         Ok(())
     })?;
     Ok(())
+}
+
+/// Frames of a clip.
+fn take(clip: &Path, workspace: &mut Workspace, options: &SfmOptions, tell: &mut dyn FnMut(Event)) -> Result<()> {
+    let folder = workspace.empty(FRAMES)?;
+    tell(Event::Step { name: "frames", parts: options.frames });
+    let mut shown = 0;
+    let mut progress = |done: usize| {
+        if std::mem::replace(&mut shown, done) != done {
+            tell(Event::Progress(done));
+        }
+    };
+    let note = take_frames(clip, options.frames, &folder, &mut workspace.log, &options.cancellation, &mut progress)?;
+    if let Some(note) = note {
+        tell(Event::Note(note.clone()));
+        workspace.note(note);
+    }
+    Ok(())
+}
+
+/// The SHA-256 of a clip, in hexadecimal.
+fn digest_of_clip(clip: &Path, cancellation: &Cancellation) -> Result<String> {
+    let refused = |source| refused(clip, source);
+    let mut file = File::open(clip).map_err(refused)?;
+    let (mut hash, mut buffer) = (Sha256::new(), vec![0; 1 << 20]);
+    loop {
+        cancellation.check()?;
+        match file.read(&mut buffer).map_err(refused)? {
+            0 => break,
+            count => hash.update(&buffer[..count]),
+        }
+    }
+    Ok(hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect())
 }
 
 /// Moves what was found to its place, the description of it last.

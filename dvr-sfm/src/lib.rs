@@ -3,7 +3,7 @@
 //! ```no_run
 //! use dvr_sfm::{Source, SfmOptions, find_cameras};
 //!
-//! // Photographs of an object from all sides; the result is a scene that `dvr_core::Scene::read` reads.
+//! // Photographs of an object from all sides, or a clip; the result is a scene that `dvr_core::Scene::read` reads.
 //! let source = Source::at("photos".as_ref())?.ok_or("there are no photographs")?;
 //! let found = find_cameras(&source, "photos-cameras".as_ref(), &SfmOptions::default(), &mut |event| println!("{event:?}"))?;
 //! println!("{} of {} pictures have a camera", found.placed, found.placed + found.not_placed.len());
@@ -22,6 +22,7 @@
 #![warn(missing_docs)]
 
 mod child;
+mod clip;
 mod compare;
 mod engine;
 mod error;

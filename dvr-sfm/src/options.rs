@@ -19,6 +19,8 @@ pub struct SfmOptions {
     pub features: usize,
     /// A vocabulary tree of COLMAP's, by which similar pictures are found and compared.
     pub vocabulary_tree: Option<PathBuf>,
+    /// Frames that are taken from a clip.
+    pub frames: usize,
     /// COLMAP's program; `None` looks for `colmap` in the folders of `PATH`.
     #[serde(skip)]
     pub program: Option<PathBuf>,
@@ -60,6 +62,7 @@ impl Default for SfmOptions {
             matching: None,
             features: 4096,
             vocabulary_tree: None,
+            frames: 100,
             program: None,
             threads: None,
             gpu: false,

@@ -1,4 +1,4 @@
-//! Where photographs are.
+//! Where photographs are: a folder of pictures, or a clip.
 
 use std::path::{Path, PathBuf};
 
@@ -12,12 +12,18 @@ const PICTURE_FOLDERS: [&str; 6] = ["images", "image", "input", "rgb", "photos",
 /// Folders that hold something else.
 const OTHER_FOLDERS: [&str; 7] = ["mask", "masks", "silhouette", "silhouettes", "depth", "depths", "normals"];
 
+/// How many of them, from the first, are folders of masks.
+const MASK_FOLDERS: usize = 4;
+
 /// How deep folders of pictures are looked into.
 const DEPTH: usize = 3;
 
 /// Pictures that are not read, by their endings.
 const HEIC: [&str; 4] = ["heic", "heif", "hif", "avif"];
 const RAW: [&str; 9] = ["dng", "cr2", "cr3", "nef", "arw", "raf", "orf", "rw2", "pef"];
+
+/// Clips, by their endings.
+const CLIPS: [&str; 12] = ["mp4", "mov", "m4v", "avi", "mkv", "webm", "mpg", "mpeg", "3gp", "mts", "m2ts", "wmv"];
 
 /// Photographs whose cameras are wanted.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -31,15 +37,20 @@ pub enum Source {
         /// The pictures below it, in natural order.
         pictures: Vec<PathBuf>,
     },
+    /// A clip, of which frames are taken.
+    Clip(PathBuf),
 }
 
 impl Source {
-    /// The photographs at a path; `None` where it is no folder with pictures.
+    /// The photographs at a path; `None` where it is neither a folder with pictures nor a clip.
     ///
     /// # Errors
     /// [`SfmError::OtherFormat`] where pictures are of a kind that is not read; [`SfmError::Core`] where a folder cannot
     /// be listed.
     pub fn at(path: &Path) -> Result<Option<Self>> {
+        if Self::is_clip(path) {
+            return Ok(Some(Self::Clip(path.to_owned())));
+        }
         if !path.is_dir() {
             return Ok(None);
         }
@@ -56,10 +67,33 @@ impl Source {
         Ok(Some(Self::Pictures { root: path.to_owned(), folder, pictures }))
     }
 
+    /// Whether a path leads to a clip, by its ending.
+    pub fn is_clip(path: &Path) -> bool {
+        path.is_file() && has_ending(path, &CLIPS)
+    }
+
+    /// The folder or the clip.
+    pub fn path(&self) -> &Path {
+        match self {
+            Self::Pictures { root, .. } => root,
+            Self::Clip(clip) => clip,
+        }
+    }
+
+    /// Whether masks lie beside the photographs. They may also be in an alpha channel, which is not looked for.
+    pub fn has_mask_folder(&self) -> bool {
+        match self {
+            Self::Pictures { root, .. } => OTHER_FOLDERS[..MASK_FOLDERS].iter().any(|name| root.join(name).is_dir()),
+            Self::Clip(_) => false,
+        }
+    }
+
     /// What is there, in a few words.
     pub fn describe(&self) -> String {
-        let Self::Pictures { pictures, .. } = self;
-        format!("{} pictures without cameras", pictures.len())
+        match self {
+            Self::Pictures { pictures, .. } => format!("{} pictures without cameras", pictures.len()),
+            Self::Clip(_) => "a clip, of which sharp frames are taken".to_owned(),
+        }
     }
 }
 
@@ -136,12 +170,15 @@ mod tests {
         assert_eq!(names_at(folder.path()), ["a_2.jpg", "a_10.JPG", "top/b.png"]);
         let folder = folder_with(&["images/x.jpg", "images/y.jpg", "mask/x.png", "preview/z.jpg"]);
         assert_eq!(names_at(folder.path()), ["x.jpg", "y.jpg"]);
+        assert!(Source::at(folder.path()).unwrap().is_some_and(|source| source.has_mask_folder()));
     }
 
     #[test]
     fn what_holds_no_photographs_is_none() {
-        let folder = folder_with(&["notes.txt"]);
+        let folder = folder_with(&["notes.txt", "clip.MP4"]);
         assert_eq!(Source::at(folder.path()).unwrap(), None);
+        let clip = folder.path().join("clip.MP4");
+        assert_eq!(Source::at(&clip).unwrap(), Some(Source::Clip(clip)));
         assert_eq!(Source::at(&folder.path().join("nowhere")).unwrap(), None);
         assert_eq!(Source::at(&folder.path().join("notes.txt")).unwrap(), None);
     }

@@ -9,7 +9,7 @@ use std::process::Command;
 
 use dvr_core::dataset::{ColmapModel, read_colmap_model};
 
-use crate::child::{Task, run};
+use crate::child::{Heard, Task, run};
 use crate::engine::{Engine, Options};
 use crate::error::{Result, SfmError};
 use crate::options::{CameraSharing, Event, Matching, SfmOptions};
@@ -230,10 +230,11 @@ impl Steps<'_> {
         workspace: &mut Workspace,
         before: usize,
     ) -> Result<()> {
-        let task = Task { program: "colmap", step };
+        let task = Task { program: "colmap", step, takes_bytes: false };
         let mut known_parts = 0;
         let tell = &mut self.tell;
-        let mut heard = |line: &str| {
+        let mut heard = |heard: Heard<'_>| {
+            let Heard::Line(line) = heard else { return };
             let Some((done, parts)) = progress_of(line) else { return };
             // Matching says only by its first line of how many parts it is made.
             if let Some(parts) = parts.filter(|parts| step == "matching" && *parts != known_parts) {

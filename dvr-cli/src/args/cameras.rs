@@ -11,9 +11,9 @@ use super::values::within;
 /// Arguments of `dvr cameras`.
 #[derive(Args, Debug)]
 pub struct CamerasArgs {
-    /// Folder of photographs
+    /// Folder of photographs, or a clip
     pub photographs: PathBuf,
-    /// Folder for cameras and undistorted pictures [default: the photographs' folder with -cameras behind its name]
+    /// Folder for cameras and undistorted pictures [default: the name of the folder or clip with -cameras behind it]
     #[arg(long, short, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Replace cameras that the folder has of other photographs, or by other options
@@ -27,6 +27,9 @@ pub struct CamerasArgs {
 #[derive(Args, Clone, Debug, Default)]
 #[command(next_help_heading = "Finding cameras (COLMAP)")]
 pub struct FindingArgs {
+    /// Frames to take from a clip: the sharpest of as many equal stretches of its time [3 to 10000; default: 100]
+    #[arg(long, value_name = "N", value_parser = within(3usize, 10_000))]
+    pub frames: Option<usize>,
     /// Camera model to fit [default: SIMPLE_RADIAL]
     #[arg(long, value_name = "MODEL", value_parser = PossibleValuesParser::new(SfmOptions::CAMERA_MODELS), ignore_case = true)]
     pub camera_model: Option<String>,
@@ -63,6 +66,7 @@ impl FindingArgs {
             camera_model: self.camera_model.as_ref().map_or(defaults.camera_model, |model| model.to_uppercase()),
             sharing: self.share_cameras.unwrap_or_default(),
             matching: self.matching,
+            frames: self.frames.unwrap_or(defaults.frames),
             features: self.features.unwrap_or(defaults.features),
             vocabulary_tree: self.vocab_tree.clone(),
             program: self.colmap.clone(),

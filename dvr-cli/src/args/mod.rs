@@ -65,7 +65,7 @@ rendered depth has an exact, analytic gradient, and extracts a mesh. Check a sce
 pub enum Command {
     /// Show a scene: views, cameras, masks, bounds, warnings
     Info(InfoArgs),
-    /// Find the cameras of photographs, by structure from motion with COLMAP
+    /// Find the cameras of photographs or of a clip, by structure from motion with COLMAP
     Cameras(CamerasArgs),
     /// Reconstruct a scene: train, then write mesh, preview sheet, metrics and report
     Train(TrainArgs),

@@ -20,7 +20,7 @@ use crate::backend::Backend;
 /// Arguments of `dvr train`.
 #[derive(Args, Clone, Debug)]
 pub struct TrainArgs {
-    /// Folder or cameras file of a scene to reconstruct; folder of photographs without cameras, which are found first; or
+    /// Folder or cameras file of a scene to reconstruct; folder of photographs without cameras, or a clip, whose cameras are found first; or
     /// folder of a dataset of objects, to train single-image reconstruction. Not needed with --resume
     #[arg(required_unless_present_any = ["resume", "print_config"])]
     pub scene: Option<PathBuf>,
@@ -78,8 +78,8 @@ pub struct TrainArgs {
     /// Do not write report.html
     #[arg(long)]
     pub no_report: bool,
-    /// Folder for the cameras of photographs that have none [default: the photographs' folder with -cameras behind its
-    /// name]
+    /// Folder for the cameras of photographs that have none [default: the name of their folder or of the clip with
+    /// -cameras behind it]
     #[arg(long, value_name = "DIR", help_heading = "Finding cameras (COLMAP)")]
     pub cameras: Option<PathBuf>,
     #[command(flatten)]

@@ -16,7 +16,7 @@ use crate::progress::Progress;
 /// Finds and writes.
 pub fn run(args: &CamerasArgs, cancellation: &Cancellation) -> Result<ExitCode> {
     let Some(source) = Source::at(&args.photographs)? else {
-        bail!("{}: there are no pictures. Give a folder of PNG or JPEG files", args.photographs.display());
+        bail!("{}: there are no pictures. Give a folder of PNG or JPEG files, or a clip", args.photographs.display());
     };
     let out = args.out.clone().unwrap_or_else(|| folder_beside(&args.photographs));
     let found = find(&source, &out, &args.finding, args.overwrite, cancellation)?;
@@ -34,6 +34,9 @@ pub fn run(args: &CamerasArgs, cancellation: &Cancellation) -> Result<ExitCode> 
 
 /// The photographs without cameras at a path; `None` where there is a scene, or nothing.
 pub fn photographs_without_cameras(path: &Path) -> Result<Option<Source>> {
+    if Source::is_clip(path) {
+        return Ok(Source::at(path)?);
+    }
     match detect_format(path) {
         Err(Error::NoScene { .. }) => Ok(Source::at(path)?),
         // What is damaged or missing is named by those who read it.

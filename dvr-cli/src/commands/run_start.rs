@@ -7,6 +7,7 @@ use anyhow::{Result, bail};
 use burn::tensor::Device;
 use dvr_core::Cancellation;
 use dvr_core::files::{OutputFolder, check_beside_data};
+use dvr_sfm::Source;
 use dvr_train::{Checkpoint, Method, RunFolder, RunOptions, RunOutcome};
 
 use crate::EXIT_INTERRUPTED;
@@ -26,7 +27,9 @@ pub struct RunStart {
 impl RunStart {
     /// As the arguments have it; of folders that are not ours, nothing is touched.
     pub fn new(args: &TrainArgs, out: &Path) -> Result<Self> {
-        for data in args.scene.iter().chain(&args.objects.inputs) {
+        // A clip is a file among others; what is made of it lies beside it.
+        let scene = args.scene.iter().filter(|scene| !Source::is_clip(scene));
+        for data in scene.chain(&args.objects.inputs) {
             check_beside_data(out, data)?;
         }
         let folder = RunFolder::new(out);

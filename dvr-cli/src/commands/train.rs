@@ -56,6 +56,12 @@ fn with_cameras<'a>(args: &'a TrainArgs, cancellation: &Cancellation) -> Result<
         return Ok(Cow::Borrowed(args));
     };
     let Some(source) = photographs_without_cameras(path)? else { return Ok(Cow::Borrowed(args)) };
+    if !source.has_mask_folder() && args.reading.background.is_none() {
+        eprintln!(
+            "note: no folder of masks is beside these photographs. Training needs masks: in a folder `masks`, in the alpha \
+             channel, or by --background. Cameras are found first, and are kept"
+        );
+    }
     let scene =
         scene_of_photographs(&source, path, args.cameras.as_ref(), &args.finding, args.overwrite, cancellation)?;
     Ok(Cow::Owned(TrainArgs { scene: Some(scene), ..args.clone() }))
