@@ -35,7 +35,7 @@ pub enum SfmError {
         least: usize,
     },
     /// Pictures in a format that is not read.
-    #[error("{}: {} pictures are {kind}, which is not read: {}", path.display(), names.len(), some(names))]
+    #[error("{}: {kind} pictures are not read ({} of them): {}", path.display(), names.len(), some(names))]
     OtherFormat {
         /// Where they are.
         path: PathBuf,

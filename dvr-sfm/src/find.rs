@@ -61,7 +61,12 @@ pub fn find_cameras(
     }
     let engine = Engine::find(options.program.as_deref())?;
     let mut workspace = Workspace::open(out, &key, options.may_replace)?;
-    prepare(source, &mut workspace, options, tell)?;
+    if let Err(error) = prepare(source, &mut workspace, options, tell) {
+        if workspace.is_new() {
+            workspace.discard()?;
+        }
+        return Err(error);
+    }
     let mut steps = Steps { engine: &engine, options, is_clip: matches!(source, Source::Clip(_)), tell };
     workspace.step("features", |workspace| steps.features(workspace))?;
     workspace.step("matching", |workspace| steps.matches(workspace))?;

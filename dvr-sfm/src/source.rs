@@ -91,7 +91,7 @@ impl Source {
     /// What is there, in a few words.
     pub fn describe(&self) -> String {
         match self {
-            Self::Pictures { pictures, .. } => format!("{} pictures without cameras", pictures.len()),
+            Self::Pictures { pictures, .. } => format!("a folder of {} pictures without cameras", pictures.len()),
             Self::Clip(_) => "a clip, of which sharp frames are taken".to_owned(),
         }
     }
@@ -187,7 +187,7 @@ mod tests {
     fn kinds_that_are_not_read_are_named_unless_they_are_there_twice() {
         let folder = folder_with(&["a.jpg", "IMG_2.HEIC", "IMG_10.heic"]);
         let error = Source::at(folder.path()).unwrap_err().to_string();
-        assert!(error.contains("2 pictures are HEIC, which is not read: IMG_2.HEIC, IMG_10.heic"), "{error}");
+        assert!(error.contains("HEIC pictures are not read (2 of them): IMG_2.HEIC, IMG_10.heic"), "{error}");
         let folder = folder_with(&["a.jpg", "a.dng", "b.jpg", "b.DNG"]);
         assert_eq!(names_at(folder.path()), ["a.jpg", "b.jpg"]);
         let folder = folder_with(&["c.NEF"]);

@@ -146,6 +146,20 @@ impl Workspace {
         Ok(())
     }
 
+    /// Whether nothing is finished yet.
+    pub fn is_new(&self) -> bool {
+        self.state.finished.is_empty()
+    }
+
+    /// Leaves nothing of it, where nothing could be made of the photographs.
+    pub fn discard(self) -> Result<()> {
+        remove(&self.root.join(WORK))?;
+        match self.claim {
+            Some(claim) => Ok(claim.remove()?),
+            None => Ok(()),
+        }
+    }
+
     /// Writes what was found, which makes the folder one of cameras, and removes what is no longer needed.
     pub fn finish(self, found: &FoundCameras) -> Result<()> {
         let path = self.root.join(FILE);

@@ -94,6 +94,7 @@ fn a_corrupt_clip_is_refused_and_half_a_clip_gives_what_it_has() {
     std::fs::write(&noise, (0..50_000u32).map(|i| (i * i % 251) as u8).collect::<Vec<_>>()).unwrap();
     let error = frames_of(&noise, 10).0.unwrap_err().to_string();
     assert!(error.contains("noise.mp4: no frames can be read from the clip"), "{error}");
+    assert!(!folder.path().join("cameras_10").exists(), "nothing half-written");
     let whole = folder.path().join("whole.avi");
     write_clip(&whole, |_| true);
     let bytes = std::fs::read(&whole).unwrap();

@@ -54,7 +54,12 @@ pub fn scene_of_photographs(
     cancellation: &Cancellation,
 ) -> Result<PathBuf> {
     let out = folder.cloned().unwrap_or_else(|| folder_beside(path));
-    eprintln!("{}: {}; they are found by COLMAP and kept in {}", path.display(), source.describe(), out.display());
+    eprintln!(
+        "{}: {}; COLMAP finds its cameras, which are kept in {}",
+        path.display(),
+        source.describe(),
+        out.display()
+    );
     let found = find(source, &out, finding, may_replace, cancellation)?;
     let all = found.placed + found.not_placed.len();
     eprintln!("cameras: {} of {all} pictures, mean reprojection error {:.2} pixels", found.placed, found.mean_error_px);
