@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use burn::tensor::Device;
 use dvr_core::Similarity;
 use dvr_core::dataset::{Normalise, ReadOptions, list_objects, read_scene};
-use dvr_core::files::{read_depth_exr, read_mask, read_photo};
+use dvr_core::files::{read_depth_exr, read_mask, read_photo, upright_photo};
 use dvr_core::mesh::read_mesh;
 use dvr_core::npz::{Array, NpzFile};
 use dvr_core::synth::SynthConfig;
@@ -61,7 +61,7 @@ fn put(folder: &Path, name: &str, bytes: &[u8]) -> PathBuf {
 fn picture(folder: &Path, bytes: &[u8]) -> bool {
     let path = put(folder, "picture", bytes);
     let (photo, mask) = (read_photo(&path).is_ok(), read_mask(&path).is_ok());
-    photo && mask
+    photo && mask && upright_photo(&path, bytes).is_ok()
 }
 
 fn exr(folder: &Path, bytes: &[u8]) -> bool {

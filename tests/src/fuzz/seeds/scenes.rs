@@ -77,15 +77,21 @@ fn pose(camera: &Camera) -> ([f64; 4], [f64; 3]) {
 }
 
 pub(in crate::fuzz) fn colmap_text() -> Vec<Vec<u8>> {
-    let cameras_txt = format!("# cameras\n1 PINHOLE {} {} 12 12 6 4\n", SIZE.0, SIZE.1);
+    let size = format!("{} {}", SIZE.0, SIZE.1);
+    let pinhole = format!("# cameras\n1 PINHOLE {size} 12 12 6 4\n");
+    let distorted =
+        format!("# cameras\n1 THIN_PRISM_FISHEYE {size} 12 12 6 4 0.1 0.02 0.01 -0.01 0.003 0.001 0.002 0.001\n");
     let mut images = String::from("# images\n");
     for (i, camera) in cameras().iter().enumerate() {
         let ([w, x, y, z], [a, b, c]) = pose(camera);
         images += &format!("{} {w} {x} {y} {z} {a} {b} {c} 1 {}.png\n1.5 2.5 1\n", i + 1, NAMES[i]);
     }
     let points = "# points\n1 0.1 0.2 0 255 0 0 0.5 1 0 2 0\n2 -0.1 0 0.1 0 9 0 0.5 2 1 3 0\n";
-    let texts = [("cameras.txt", cameras_txt.as_str()), ("images.txt", &images), ("points3D.txt", points)];
-    vec![parts::joined(&texts.map(|(name, text)| (name, text.as_bytes())))]
+    let model = |cameras: &str| {
+        let texts = [("cameras.txt", cameras), ("images.txt", images.as_str()), ("points3D.txt", points)];
+        parts::joined(&texts.map(|(name, text)| (name, text.as_bytes())))
+    };
+    vec![model(&pinhole), model(&distorted)]
 }
 
 pub(in crate::fuzz) fn colmap_binary() -> Vec<Vec<u8>> {
