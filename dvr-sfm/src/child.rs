@@ -24,7 +24,8 @@ const WAITING: usize = 64;
 /// All that programs said.
 pub(crate) struct Log {
     pub path: PathBuf,
-    file: File,
+    /// `None` keeps nothing.
+    file: Option<File>,
 }
 
 impl Log {
@@ -32,12 +33,19 @@ impl Log {
     pub fn open(path: &Path) -> Result<Self> {
         let file = File::options().create(true).append(true).open(path);
         let file = file.map_err(|source| dvr_core::Error::Io { path: path.to_owned(), source })?;
-        Ok(Self { path: path.to_owned(), file })
+        Ok(Self { path: path.to_owned(), file: Some(file) })
+    }
+
+    /// A log that keeps nothing, of what only this program wants to know.
+    pub fn none() -> Self {
+        Self { path: PathBuf::new(), file: None }
     }
 
     /// A line. One that cannot be written is lost: the disk says so where it matters.
     fn line(&mut self, line: &str) {
-        let _ = writeln!(self.file, "{line}");
+        if let Some(file) = &mut self.file {
+            let _ = writeln!(file, "{line}");
+        }
     }
 }
 

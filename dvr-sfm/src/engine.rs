@@ -2,8 +2,11 @@
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::Command;
 
+use dvr_core::Cancellation;
+
+use crate::child::{Heard, Log, Task, run};
 use crate::error::{Result, SfmError};
 
 /// A program in one of the folders of `PATH`.
@@ -20,18 +23,19 @@ pub(crate) struct Engine {
     program: PathBuf,
     /// As its help has it, e.g. `COLMAP 3.8`.
     pub version: String,
+    cancellation: Cancellation,
 }
 
 impl Engine {
-    /// That of `given`, else that in `PATH`.
+    /// That of `given`, else that in `PATH`; what it is asked about itself ends where `cancellation` says so.
     ///
     /// # Errors
     /// [`SfmError::NotInstalled`].
-    pub fn find(given: Option<&Path>) -> Result<Self> {
+    pub fn find(given: Option<&Path>, cancellation: &Cancellation) -> Result<Self> {
         let found = given.map_or_else(|| program("colmap"), |given| given.is_file().then(|| given.to_owned()));
         let missing = SfmError::NotInstalled { program: "colmap", purpose: "finds the cameras of photographs" };
         let program = found.ok_or(missing)?;
-        let mut engine = Self { program, version: String::new() };
+        let mut engine = Self { program, version: String::new(), cancellation: cancellation.clone() };
         let words = engine.help("help").split_whitespace().take(2).collect::<Vec<_>>().join(" ");
         engine.version = words;
         Ok(engine)
@@ -50,11 +54,17 @@ impl Engine {
         if name != "help" {
             command.arg("-h");
         }
-        let output = command.stdin(Stdio::null()).output();
-        output.map_or_else(
-            |_| String::new(),
-            |output| [output.stdout, output.stderr].map(|text| String::from_utf8_lossy(&text).into_owned()).concat(),
-        )
+        let mut said = String::new();
+        let mut heard = |heard: Heard<'_>| {
+            if let Heard::Line(line) = heard {
+                said += line;
+                said.push('\n');
+            }
+        };
+        let task = Task { program: "colmap", step: "help", takes_bytes: false };
+        // Where it fails, or is not wanted any more, the step that asks says so.
+        let _ = run(&mut command, task, &mut Log::none(), &self.cancellation, &mut heard);
+        said
     }
 
     /// The options of a command.
