@@ -69,9 +69,11 @@ awk -F, -v rounds=$round '
     $6 > 0 || $7 > 0 { left++ }
     $1 > 2 && $8 != files[key] { changed[key] = 1 }
     # The square of the standard error of a mean.
-    function uncertainty(part, key,    m) {
+    function uncertainty(part, key,    m, square) {
         m = sum[part, key] / n[part, key]
-        return n[part, key] > 1 ? (squares[part, key] / n[part, key] - m ^ 2) / (n[part, key] - 1) : 0
+        square = n[part, key] > 1 ? (squares[part, key] / n[part, key] - m ^ 2) / (n[part, key] - 1) : 0
+        # Rounding, where all are the same.
+        return square > 0 ? square : 0
     }
     END {
         printf "%d rounds in %d s, %d commands; temporary files that stayed: %d\n\n", rounds, end, NR - 1, left
