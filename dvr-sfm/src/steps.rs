@@ -33,6 +33,9 @@ const ANCHORS: usize = 40;
 /// [`SfmOptions::features`] in most pictures, and take long to find.
 const LONGEST_SIDE: usize = 2000;
 
+/// Fewer pictures do not tell the principal point: it trades against their rotations.
+const TELL_PRINCIPAL_POINT: usize = 30;
+
 /// A model of fewer pictures is no model.
 const LEAST_PICTURES: usize = 3;
 
@@ -177,7 +180,7 @@ impl Steps<'_> {
         Ok(())
     }
 
-    /// A last bundle adjustment of a model that moves the principal point, too, where pictures share their intrinsics:
+    /// A last bundle adjustment of a model that moves the principal point, too, where enough pictures share their intrinsics:
     /// the mapper holds it in the middle, and turns cameras to make up for that.
     pub fn refinement(&mut self, workspace: &mut Workspace, model: &Path) -> Result<()> {
         let target = workspace.empty(REFINED)?;
@@ -185,7 +188,8 @@ impl Steps<'_> {
         let known = self.engine.options("bundle_adjuster");
         let mut command = self.engine.command("bundle_adjuster");
         command.arg("--input_path").arg(model).arg("--output_path").arg(&target);
-        if self.options.sharing != CameraSharing::Picture {
+        let is_told = workspace.pictures().len() >= TELL_PRINCIPAL_POINT;
+        if is_told && self.options.sharing != CameraSharing::Picture {
             known.set(&mut command, &["BundleAdjustment.refine_principal_point"], 1);
         }
         self.run(&mut command, "refinement", workspace, 0)
