@@ -278,7 +278,11 @@ mod tests {
         for length in [1, 7, 64, bytes.len()] {
             let (mut stream, mut found) = (PpmStream::default(), Vec::new());
             for piece in bytes.chunks(length) {
-                stream.push(piece, &mut |picture| Ok(found.push(picture))).unwrap();
+                let mut keep = |picture| {
+                    found.push(picture);
+                    Ok(())
+                };
+                stream.push(piece, &mut keep).unwrap();
             }
             assert_eq!(found, pictures);
         }

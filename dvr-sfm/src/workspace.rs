@@ -197,7 +197,8 @@ mod tests {
             let mut workspace = Workspace::open(&root, key, false).unwrap();
             workspace.step("features", |workspace| {
                 made += 1;
-                Ok(std::fs::write(workspace.work("database.db"), key).unwrap())
+                std::fs::write(workspace.work("database.db"), key).unwrap();
+                Ok(())
             })
         };
         assert!(open("a").unwrap());

@@ -107,7 +107,7 @@ impl Distortion {
     /// Where the lens puts a direction.
     pub fn distort(&self, ideal: DVec2) -> Option<DVec2> {
         let distorted = match self {
-            Self::Polynomial(polynomial) => polynomial.distort(polynomial.from_ideal(ideal)),
+            Self::Polynomial(polynomial) => polynomial.distort(polynomial.bent(ideal)),
             Self::FieldOfView(omega) => {
                 let r = ideal.length();
                 // The limits are those at omega = 0, and at the axis.
@@ -136,7 +136,7 @@ impl Distortion {
     pub fn undistort(&self, distorted: DVec2) -> Option<DVec2> {
         let r2 = distorted.length_squared();
         let ideal = match self {
-            Self::Polynomial(polynomial) => polynomial.to_ideal(polynomial.undistort(distorted)?)?,
+            Self::Polynomial(polynomial) => polynomial.unbent(polynomial.undistort(distorted)?)?,
             Self::FieldOfView(omega) => {
                 let r = r2.sqrt();
                 let angle = r * omega;
@@ -172,13 +172,13 @@ impl Distortion {
 
 impl Polynomial {
     /// A direction as the terms take it: for a fisheye, as long as its angle to the axis.
-    fn from_ideal(&self, ideal: DVec2) -> DVec2 {
+    fn bent(&self, ideal: DVec2) -> DVec2 {
         let r = ideal.length();
         if self.fisheye && r > 0.0 { ideal * (r.atan() / r) } else { ideal }
     }
 
     /// The inverse; `None` beside or behind the camera.
-    fn to_ideal(&self, point: DVec2) -> Option<DVec2> {
+    fn unbent(&self, point: DVec2) -> Option<DVec2> {
         let angle = point.length();
         match self.fisheye {
             true if angle >= 0.5 * std::f64::consts::PI => None,
