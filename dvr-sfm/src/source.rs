@@ -2,18 +2,15 @@
 
 use std::path::{Path, PathBuf};
 
-use dvr_core::dataset::{list_pictures, natural_order};
+use dvr_core::dataset::{MASK_FOLDERS, list_pictures, natural_order};
 
 use crate::error::{Result, SfmError};
 
 /// Folders that hold the pictures of a folder, where it has one of them.
 const PICTURE_FOLDERS: [&str; 6] = ["images", "image", "input", "rgb", "photos", "pictures"];
 
-/// Folders that hold something else.
-const OTHER_FOLDERS: [&str; 7] = ["mask", "masks", "silhouette", "silhouettes", "depth", "depths", "normals"];
-
-/// How many of them, from the first, are folders of masks.
-const MASK_FOLDERS: usize = 4;
+/// Folders that hold something else, beside those of masks.
+const OTHER_FOLDERS: [&str; 3] = ["depth", "depths", "normals"];
 
 /// How deep folders of pictures are looked into.
 const DEPTH: usize = 3;
@@ -83,7 +80,7 @@ impl Source {
     /// Whether masks lie beside the photographs. They may also be in an alpha channel, which is not looked for.
     pub fn has_mask_folder(&self) -> bool {
         match self {
-            Self::Pictures { root, .. } => OTHER_FOLDERS[..MASK_FOLDERS].iter().any(|name| root.join(name).is_dir()),
+            Self::Pictures { root, .. } => MASK_FOLDERS.iter().any(|name| root.join(name).is_dir()),
             Self::Clip(_) => false,
         }
     }
@@ -118,7 +115,8 @@ fn walk(root: &Path, below: &Path, depth: usize, pictures: &mut Vec<PathBuf>, ot
         if text.starts_with('.') {
             continue;
         }
-        if kind.is_dir() && depth > 0 && !OTHER_FOLDERS.contains(&text.as_str()) {
+        let is_other = MASK_FOLDERS.iter().chain(&OTHER_FOLDERS).any(|other| text == *other);
+        if kind.is_dir() && depth > 0 && !is_other {
             walk(root, &below.join(name), depth - 1, pictures, others)?;
         } else if has_ending(Path::new(&text), &HEIC) || has_ending(Path::new(&text), &RAW) {
             others.push(below.join(name));

@@ -9,8 +9,8 @@ use super::pairing::{partners, pictures, sub_folder};
 use crate::error::Result;
 use crate::raster::Mask;
 
-/// Names of the folder of masks.
-pub(super) const MASK_FOLDERS: [&str; 4] = ["mask", "masks", "silhouette", "silhouettes"];
+/// Names that a folder of masks may have, in lower case.
+pub const MASK_FOLDERS: [&str; 4] = ["mask", "masks", "silhouette", "silhouettes"];
 
 /// The mask file of each image, where `root` has a folder of masks (`mask`, `masks`, `silhouette` or `silhouettes`).
 /// Images are given relative to their own folder.

@@ -41,7 +41,7 @@ pub use crop::square_around;
 pub use digest::digest_of_scene;
 pub use input_picture::input_picture;
 pub use layouts::{ColmapModel, PosedPicture, detect_format, is_object_dataset, read_colmap_model};
-pub use masks::{find_masks, mask_from_background};
+pub use masks::{MASK_FOLDERS, find_masks, mask_from_background};
 pub use object_dataset::{ObjectDataset, ObjectOptions};
 pub use objects::{ObjectRef, list_objects};
 pub use options::{Background, BackgroundColor, Format, Normalise, ReadOptions};
