@@ -47,6 +47,7 @@ pub mod inside;
 pub mod lens;
 mod machine_memory;
 mod mask_refinement;
+pub mod mat;
 pub mod mesh;
 pub mod metrics;
 pub mod npz;

@@ -6,8 +6,10 @@ use flate2::write::{DeflateEncoder, ZlibEncoder};
 use flate2::{Compression, Crc};
 use zip::CompressionMethod;
 
+use dvr_test_support::{MatEntry, mat_file, mat_header};
+
 use super::parts::joined;
-use super::seeds::arrays::{npy_of, zip_of};
+use super::seeds::arrays::{deflated_element, npy_of, zip_of};
 use super::seeds::networks;
 use super::seeds::pictures::{jpeg, picture_of_channels};
 
@@ -25,6 +27,7 @@ pub fn claims(reader: &str) -> Vec<(&'static str, Vec<u8>)> {
         ],
         "npz" => archives(),
         "npy" => arrays(),
+        "mat" => matlab_arrays(),
         "ply" => polygon_files(),
         "obj" => objects(),
         "off" => vec![
@@ -163,6 +166,31 @@ fn arrays() -> Vec<(&'static str, Vec<u8>)> {
         ("braces in braces", npy_of("<f8", false, &nested("{1:", "}"), &[0; 8])),
         ("more than can be counted", npy_of("<f8", false, "(4294967296, 4294967296, 4294967296)", &[0; 8])),
         ("records of records", npy_of("[('a', '<f4', (99999999, 99999999))]", false, "(1,)", &[0; 8])),
+    ]
+}
+
+/// Arrays that inflate to more than their limit, or say that they do.
+fn matlab_arrays() -> Vec<(&'static str, Vec<u8>)> {
+    let inflating = |stored: u32, shape: [u32; 3], bytes: u32| {
+        let mut head = MatEntry { name: "ObsMask", shape: &shape, class: 9, stored, data: &[] }.element();
+        let length = head.len() - 4;
+        head[length..].copy_from_slice(&bytes.to_le_bytes());
+        let element = deflated_element(|encoder| {
+            encoder.write_all(&head)?;
+            let zeros = vec![0; 1 << 20];
+            (0..bytes >> 20).try_for_each(|_| encoder.write_all(&zeros))
+        });
+        [mat_header(), element].concat()
+    };
+    let numbers = [0; 8];
+    let claiming = |shape: &[u32]| mat_file(&[MatEntry::doubles("ObsMask", shape, &numbers)]);
+    vec![
+        ("256 MB of truth values", inflating(2, [256, 1024, 1024], 256 << 20)),
+        ("256 MB of doubles", inflating(9, [32, 1024, 1024], 256 << 20)),
+        ("640 MB of truth values", inflating(2, [640, 1024, 1024], 640 << 20)),
+        ("small numbers to be widened", inflating(3, [64, 1024, 1024], 128 << 20)),
+        ("more than can be counted", claiming(&[u32::MAX; 4])),
+        ("a million axes", claiming(&vec![1; 1 << 20])),
     ]
 }
 

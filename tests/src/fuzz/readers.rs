@@ -6,6 +6,7 @@ use burn::tensor::Device;
 use dvr_core::Similarity;
 use dvr_core::dataset::{Normalise, ReadOptions, list_objects, read_scene};
 use dvr_core::files::{read_depth_exr, read_mask, read_photo, upright_photo};
+use dvr_core::mat::read_mat;
 use dvr_core::mesh::read_mesh;
 use dvr_core::npz::{Array, NpzFile};
 use dvr_core::synth::SynthConfig;
@@ -26,6 +27,7 @@ pub static READERS: &[Reader] = &[
     Reader { name: "exr", anatomy: Anatomy::Bytes, seeds: pictures::exr, prepare: nothing, read: exr },
     Reader { name: "npz", anatomy: Anatomy::Zip, seeds: arrays::npz, prepare: nothing, read: npz },
     Reader { name: "npy", anatomy: Anatomy::Text, seeds: arrays::npy, prepare: nothing, read: npy },
+    Reader { name: "mat", anatomy: Anatomy::Bytes, seeds: arrays::mat, prepare: nothing, read: mat },
     Reader { name: "ply", anatomy: Anatomy::Text, seeds: shapes::ply, prepare: nothing, read: |folder, bytes| mesh(folder, "a.ply", bytes) },
     Reader { name: "obj", anatomy: Anatomy::Parts, seeds: shapes::obj, prepare: nothing, read: obj },
     Reader { name: "off", anatomy: Anatomy::Text, seeds: shapes::off, prepare: nothing, read: |folder, bytes| mesh(folder, "a.off", bytes) },
@@ -84,6 +86,12 @@ fn npz(folder: &Path, bytes: &[u8]) -> bool {
 /// A single array, as an archive's only entry.
 fn npy(folder: &Path, bytes: &[u8]) -> bool {
     npz(folder, &arrays::archive_of(bytes))
+}
+
+/// Arrays as the evaluation data of DTU have them.
+fn mat(folder: &Path, bytes: &[u8]) -> bool {
+    let arrays = read_mat(&put(folder, "a.mat", bytes), &["ObsMask", "BB"]);
+    arrays.is_ok_and(|arrays| arrays.into_iter().all(|array| array.to_f64().len() == array.into_truths().len()))
 }
 
 fn mesh(folder: &Path, name: &str, bytes: &[u8]) -> bool {

@@ -10,6 +10,8 @@
 //! DVR_REQUIRE=gpu,browser,colmap,ffmpeg,mounts,scenes,large_fixtures   fail where one of these is missing
 //! ```
 //!
+//! [`mat_file`] makes MATLAB's files.
+//!
 //! [`max_difference`] and its relatives compare numbers and panic at NaN and infinity: a maximum taken with `f64::max`
 //! drops NaN, and a test with it passes when every number is NaN.
 //!
@@ -26,8 +28,10 @@
 //! ```
 
 mod compare;
+mod mat;
 mod need;
 
 pub use compare::{largest, max_difference, relative_difference};
 pub use dvr_test_needs::test_with;
+pub use mat::{MatEntry, mat_file, mat_header};
 pub use need::{browser, fixture, gpu, large_fixture, mounts, program, scene};

@@ -1,8 +1,11 @@
-//! NumPy's arrays.
+//! Arrays of NumPy and MATLAB.
 
 use std::io::{Cursor, Write};
 
 use dvr_core::npz::{Array, Values, write_npz};
+use dvr_test_support::{MatEntry, mat_header};
+use flate2::Compression;
+use flate2::write::ZlibEncoder;
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipWriter};
 
@@ -51,4 +54,24 @@ pub(in crate::fuzz) fn zip_of(
     zip.start_file(name, SimpleFileOptions::default().compression_method(method)).unwrap_or_else(|e| panic!("{e}"));
     write(&mut zip).unwrap_or_else(|e| panic!("{e}"));
     zip.finish().unwrap_or_else(|e| panic!("{e}")).into_inner()
+}
+
+/// A mask and a box, deflated and not.
+pub(in crate::fuzz) fn mat() -> Vec<Vec<u8>> {
+    let mask: Vec<u8> = (0..24).map(|i| i % 2).collect();
+    let corners: Vec<u8> = (0..6).flat_map(|i| f64::from(i).to_le_bytes()).collect();
+    let elements =
+        [MatEntry::bytes("ObsMask", &[2, 3, 4], &mask).element(), MatEntry::doubles("BB", &[2, 3], &corners).element()];
+    let deflated = elements.each_ref().map(|element| deflated_element(|encoder| encoder.write_all(element)));
+    [elements, deflated].map(|elements| [mat_header(), elements.concat()].concat()).into()
+}
+
+/// What is written, as a deflated element of a MAT file.
+pub(in crate::fuzz) fn deflated_element(
+    write: impl FnOnce(&mut ZlibEncoder<Vec<u8>>) -> std::io::Result<()>,
+) -> Vec<u8> {
+    let mut encoder = ZlibEncoder::new(Vec::new(), Compression::fast());
+    write(&mut encoder).unwrap_or_else(|e| panic!("{e}"));
+    let data = encoder.finish().unwrap_or_else(|e| panic!("{e}"));
+    [&[15, data.len() as u32].map(u32::to_le_bytes).concat()[..], &data].concat()
 }
