@@ -120,7 +120,7 @@ pub fn measure(case: &Case, seed: u64, mesh: Option<&Mesh>) -> Result<Figures> {
     let real = sample_surface(truth, SAMPLES, seed.wrapping_add(3));
     if case.faults.displace_cameras() {
         // Position, rotation and scale follow from the cameras, and these are wrong.
-        let aligned = align_to_surface(&PointCloud::from(found), &PointCloud::from(real.clone()))?;
+        let aligned = align_to_surface(&PointCloud::from(found), &PointCloud::from(real.clone()), f64::INFINITY)?;
         let mesh = mesh.clone().transformed(&aligned);
         return compared(case, seed, &mesh, &real, figures);
     }

@@ -99,7 +99,7 @@ fn chamfer(scene: &Scene, seed: u64) -> f64 {
         .expect("there is a surface")
         .mesh;
     let mut found = PointCloud::from(sample_surface(&mesh, 100_000, seed));
-    let alignment = align_to_surface(&found, truth).expect("both surfaces have points");
+    let alignment = align_to_surface(&found, truth, f64::INFINITY).expect("both surfaces have points");
     found.points.iter_mut().for_each(|point| *point = alignment.transform_point_f32(*point));
     score_surface(&found, truth, &[]).expect("both surfaces have points").chamfer_l1
 }

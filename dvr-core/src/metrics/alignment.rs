@@ -24,11 +24,11 @@ const DAMPING: f64 = 1e-9;
 
 /// The similarity that brings points of a surface nearest to the true surface: iterated closest points with the
 /// distance to the tangent plane (Chen and Medioni 1992), from where the points lie. It is meant for small
-/// displacements.
+/// displacements. Points that are `reach` or more away from the true surface have no say.
 ///
 /// # Errors
 /// When one of the clouds has no points, or the true one no normals.
-pub fn align_to_surface(points: &PointCloud, truth: &PointCloud) -> Result<Similarity> {
+pub fn align_to_surface(points: &PointCloud, truth: &PointCloud, reach: f64) -> Result<Similarity> {
     let positions: Vec<[f64; 3]> = truth.points.iter().map(|point| point.as_dvec3().to_array()).collect();
     let (Some(normals), Ok(tree)) = (&truth.normals, ImmutableKdTree::<f64, 3>::new_from_slice(&positions)) else {
         return Err(Error::NothingToAlign { problem: "the true surface has no normals or no points" });
@@ -43,8 +43,11 @@ pub fn align_to_surface(points: &PointCloud, truth: &PointCloud) -> Result<Simil
             .par_iter()
             .map(|&point| {
                 let point = alignment.transform_point(point);
-                let nearest =
-                    tree.query(&point.to_array()).nearest_one::<SquaredEuclidean<f64>>().execute().item as usize;
+                let found = tree.query(&point.to_array()).nearest_one::<SquaredEuclidean<f64>>().execute();
+                if found.distance >= reach * reach {
+                    return (SMatrix::zeros(), SVector::zeros());
+                }
+                let nearest = found.item as usize;
                 let normal = normals[nearest].as_dvec3();
                 let distance = normal.dot(point - DVec3::from(positions[nearest]));
                 // By a small turn, shift and growth of the point about the origin.
@@ -92,7 +95,7 @@ mod tests {
         };
         let truth = PointCloud::from(sample_surface(&mesh, 20_000, 1));
         let found = PointCloud::from(sample_surface(&moved, 5_000, 2));
-        let alignment = align_to_surface(&found, &truth).unwrap();
+        let alignment = align_to_surface(&found, &truth, f64::INFINITY).unwrap();
         let back = PointCloud {
             points: found.points.iter().map(|&point| alignment.transform_point_f32(point)).collect(),
             ..PointCloud::default()
@@ -108,8 +111,8 @@ mod tests {
     fn a_cloud_without_normals_or_points_is_refused() {
         let cloud = PointCloud { points: vec![glam::Vec3::ZERO], ..PointCloud::default() };
         let truth = PointCloud { normals: Some(vec![glam::Vec3::X]), ..cloud.clone() };
-        assert!(align_to_surface(&cloud, &cloud).is_err());
-        assert!(align_to_surface(&PointCloud::default(), &truth).is_err());
-        assert!(align_to_surface(&cloud, &truth).is_ok());
+        assert!(align_to_surface(&cloud, &cloud, 1.0).is_err());
+        assert!(align_to_surface(&PointCloud::default(), &truth, 1.0).is_err());
+        assert!(align_to_surface(&cloud, &truth, 1.0).is_ok());
     }
 }

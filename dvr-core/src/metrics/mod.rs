@@ -1,10 +1,10 @@
-//! How good a result is: [`shape`] against the true surface and volume, [`seen`] where views
-//! see it, [`points`] against points that are known to lie
-//! on it, [`depth_maps`] of stereo against both, [`picture`] against photographs; and [`Simplification`], a simple mesh
-//! against the full one.
+//! How good a result is: [`shape`] against the true surface and volume, [`seen`] where views see it, [`points`] against
+//! points that are known to lie on it, [`dtu`] against a scan by the protocol of that data set, [`depth_maps`] of stereo
+//! against both, [`picture`] against photographs; and [`Simplification`], a simple mesh against the full one.
 
 pub mod alignment;
 pub mod depth_maps;
+pub mod dtu;
 mod overlap;
 pub mod picture;
 pub mod points;
