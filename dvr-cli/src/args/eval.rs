@@ -42,6 +42,8 @@ pub struct EvalArgs {
     #[command(flatten)]
     pub points: EvalPointsArgs,
     #[command(flatten)]
+    pub protocol: EvalProtocolArgs,
+    #[command(flatten)]
     pub objects: EvalObjectsArgs,
     #[command(flatten)]
     pub meshing: MeshingArgs,
@@ -67,6 +69,37 @@ pub struct EvalPointsArgs {
     /// [above 0 to 1e12; default: a round number, at most 0.5 % of the cloud]
     #[arg(long, value_name = "LENGTH", value_parser = parse_length)]
     pub margin: Option<f64>,
+}
+
+/// How a surface is measured by a data set's own protocol.
+#[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "Protocols of data sets")]
+pub struct EvalProtocolArgs {
+    /// Measure by the protocol of a data set, in millimetres and the data set's coordinates; a mesh, or a PLY of points
+    /// alone, needs no --data then
+    #[arg(long, value_enum, value_name = "NAME", requires = "reference")]
+    pub protocol: Option<Protocol>,
+    /// Folder of the data set's evaluation data: for DTU the one that holds ObsMask and Points
+    #[arg(long, value_name = "DIR", requires = "protocol")]
+    pub reference: Option<PathBuf>,
+    /// Which scan it is [0 to 999999; default: the only one of --reference, else the number behind `scan` in the path of
+    /// the scene or the mesh]
+    #[arg(long, value_name = "N", requires = "protocol", value_parser = within(0u32, 999_999))]
+    pub scan: Option<u32>,
+    /// First leave out what lies more than this many pixels outside the mask of a view [0 to 10000; default: nothing is
+    /// left out]
+    #[arg(long, value_name = "PIXELS", requires = "protocol", value_parser = within(0.0f64, 10_000.0))]
+    pub cull: Option<f64>,
+    /// First move, turn and scale the surface to the scan (ICP), for cameras that are not the data set's
+    #[arg(long, requires = "protocol")]
+    pub align: bool,
+}
+
+/// Protocols of data sets.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Protocol {
+    /// DTU multi-view stereo (Aanæs et al. 2016): observation mask, plane, points 0.2 mm apart, distances below 20 mm
+    Dtu,
 }
 
 /// How a model is evaluated on a dataset of objects.

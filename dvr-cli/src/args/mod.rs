@@ -75,7 +75,7 @@ pub enum Command {
     Texture(TextureArgs),
     /// Render a run: the dataset's views, or an orbit with a turntable animation
     Render(RenderArgs),
-    /// Evaluate a run or a mesh: shape against ground truth or verified points, renders against test views
+    /// Evaluate a run or a mesh: shape against ground truth, verified points or a DTU scan, renders against test views
     Eval(EvalArgs),
     /// Write a report of one run, or of several side by side, as an HTML page: mesh in 3D, test views, curves,
     /// settings

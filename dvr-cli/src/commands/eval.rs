@@ -16,6 +16,7 @@ use dvr_train::{
 use serde::Serialize;
 
 use super::depth_table::print_depth_maps;
+use super::eval_dtu::{DtuEvaluation, print_dtu, score_by_dtu};
 use super::points_table::{print_points, score_by_points, settings, verified_points};
 use super::resumed::refuse_other_reading;
 use super::shape_table::print_shape;
@@ -35,12 +36,14 @@ struct Report {
     points: Option<PointsEvaluation>,
     /// The depth maps that the run started from, where they were asked for.
     depth_maps: Option<DepthMapsEvaluation>,
+    /// By the protocol of DTU, where that was asked for; in millimetres.
+    dtu: Option<DtuEvaluation>,
 }
 
 /// Measures and prints.
 pub fn run(args: &EvalArgs, cancellation: &Cancellation) -> Result<ExitCode> {
     let Some(subject) = &args.subject else {
-        refuse_points(args)?;
+        refuse_single(args)?;
         return eval_objects::without_run(args, cancellation);
     };
     if let Some(path) = &args.json {
@@ -53,7 +56,7 @@ pub fn run(args: &EvalArgs, cancellation: &Cancellation) -> Result<ExitCode> {
     } else {
         let checkpoint = load_run(subject)?;
         if method_of(&checkpoint.header.method)?.objects().is_some() {
-            refuse_points(args)?;
+            refuse_single(args)?;
             return eval_objects::of_run(args, subject, &checkpoint, cancellation);
         }
         refuse_objects(args)?;
@@ -66,8 +69,12 @@ pub fn run(args: &EvalArgs, cancellation: &Cancellation) -> Result<ExitCode> {
     if let Some(depth_maps) = &report.depth_maps {
         print_depth_maps(depth_maps);
     }
+    if let Some(dtu) = &report.dtu {
+        print_dtu(dtu);
+    }
     print_views(&report.views);
-    if report.shape == ShapeEvaluation::default() && report.views.is_empty() && report.points.is_none() {
+    let is_measured = report.points.is_some() || report.dtu.is_some() || !report.views.is_empty();
+    if report.shape == ShapeEvaluation::default() && !is_measured {
         bail!(
             "scene {:?} has neither ground truth nor test views: there is nothing to compare. Points that are known to lie on \
              the surface are given with --points FILE",
@@ -94,7 +101,10 @@ fn refuse_objects(args: &EvalArgs) -> Result<()> {
 }
 
 /// Refuses what has a meaning for single scenes only.
-fn refuse_points(args: &EvalArgs) -> Result<()> {
+fn refuse_single(args: &EvalArgs) -> Result<()> {
+    if args.protocol.protocol.is_some() {
+        bail!("--protocol measures a single scene's mesh, and this is a dataset of objects");
+    }
     if args.points.points.is_some() {
         bail!("--points measures a single scene's mesh, and this is a dataset of objects");
     }
@@ -111,15 +121,20 @@ fn of_mesh(args: &EvalArgs, mesh: &Path, cancellation: &Cancellation) -> Result<
     let textured = read_mesh(mesh)?;
     let Some(data) = &args.data else {
         let points = score_by_points(&args.points, &textured.mesh, None, false)?;
-        if points.is_none() {
-            bail!("a mesh is measured against a scene or points: give them with --data or --points");
+        let dtu = score_by_dtu(args, &textured.mesh, None)?;
+        if points.is_none() && dtu.is_none() {
+            bail!(
+                "a mesh is measured against a scene, points or a scan: give them with --data, --points, or --protocol and \
+                 --reference"
+            );
         }
         let shape = ShapeEvaluation::default();
-        return Ok(Report { scene: None, shape, views: Vec::new(), points, depth_maps: None });
+        return Ok(Report { scene: None, shape, views: Vec::new(), points, depth_maps: None, dtu });
     };
     let options = ReadOptions { cancellation: cancellation.clone(), ..args.reading.read_options() };
     let mut scene = read_scene(data, &options)?;
     let points = score_by_points(&args.points, &textured.mesh, Some(&scene), false)?;
+    let dtu = score_by_dtu(args, &textured.mesh, Some(&scene))?;
     let textured = textured.transformed(&scene.object_to_world.inverse());
     let shape = evaluate_shape(&textured.mesh, &scene.ground_truth, &cameras_of(&scene), args.seed)?;
     let parts = scene.hold_out(HOLD_OUT_EVERY);
@@ -129,7 +144,7 @@ fn of_mesh(args: &EvalArgs, mesh: &Path, cancellation: &Cancellation) -> Result<
         eprintln!("views as a run with the default settings divides them: {parts}");
         rendered(&MeshShader::textured(&textured), &with_masks(&ViewSplit::of(&scene)?.test)?, cancellation)?
     };
-    Ok(Report { scene: Some(scene.name), shape, views, points, depth_maps: None })
+    Ok(Report { scene: Some(scene.name), shape, views, points, depth_maps: None, dtu })
 }
 
 /// The views, all of which have masks: figures over some of them would pass for those of all.
@@ -172,6 +187,7 @@ fn of_run(args: &EvalArgs, checkpoint: &Checkpoint, cancellation: &Cancellation)
     let trained_on_points = method_of(&checkpoint.header.method)?.needs().sparse_points;
     let in_world = world_mesh(&mesh, &scene.object_to_world);
     let points = score_by_points(&args.points, &in_world, Some(&scene), trained_on_points)?;
+    let dtu = score_by_dtu(args, &in_world, Some(&scene))?;
     let mut depth_maps = None;
     if args.depth_maps {
         let maps = method_of(&checkpoint.header.method)?.stereo_depths(&split.train, cancellation)?;
@@ -181,7 +197,7 @@ fn of_run(args: &EvalArgs, checkpoint: &Checkpoint, cancellation: &Cancellation)
             bail!("this run started from no depth maps: --depth-maps has nothing to measure");
         }
     }
-    Ok(Report { scene: Some(scene.name), shape, views, points, depth_maps })
+    Ok(Report { scene: Some(scene.name), shape, views, points, depth_maps, dtu })
 }
 
 fn cameras_of(scene: &Scene) -> Vec<&Camera> {

@@ -8,6 +8,7 @@ mod dataset_of_run;
 mod depth_table;
 pub mod devices;
 pub mod eval;
+mod eval_dtu;
 mod eval_objects;
 pub mod export;
 pub mod import;

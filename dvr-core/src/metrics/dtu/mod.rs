@@ -15,6 +15,7 @@
 //! points); a [`DtuScore`] names both.
 
 mod cull;
+mod normals;
 mod reference;
 mod samples;
 mod score;

@@ -1,6 +1,6 @@
 //! The figures of a surface.
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
@@ -8,6 +8,7 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use super::normals::estimated_normals;
 use super::samples::surface_points;
 use super::thinning::thinned;
 use super::{DENSITY, DtuReference, FARTHEST, MARGIN};
@@ -121,11 +122,9 @@ fn align(points: &[DVec3], reference: &DtuReference) -> Result<Similarity> {
     let cloud = |points: Vec<DVec3>| points.into_iter().map(|point| to_box.transform_point(point).as_vec3()).collect();
     let near = points.iter().copied().filter(|&point| observed.sees(point)).take(ALIGNED_POINTS);
     let found = PointCloud { points: cloud(near.collect()), ..PointCloud::default() };
-    let scan = PointCloud {
-        points: cloud(reference.scan.vertices.iter().map(|point| point.as_dvec3()).collect()),
-        normals: reference.scan.normals.clone(),
-        colors: None,
-    };
+    let points: Vec<Vec3> = cloud(reference.scan.vertices.iter().map(|point| point.as_dvec3()).collect());
+    let normals = reference.scan.normals.clone().unwrap_or_else(|| estimated_normals(&points));
+    let scan = PointCloud { points, normals: Some(normals), colors: None };
     let moved = align_to_surface(&found, &scan, FARTHEST / scale)?;
     Ok(to_world.after(&moved).after(&to_box))
 }
