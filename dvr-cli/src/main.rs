@@ -78,6 +78,7 @@ fn run(command: Command, cancellation: &Cancellation) -> anyhow::Result<ExitCode
         Command::Train(args) => commands::train::run(&args, cancellation),
         Command::Mesh(args) => commands::mesh::run(&args, cancellation),
         Command::Texture(args) => commands::texture::run(&args, cancellation),
+        Command::Points2Mesh(args) => commands::points2mesh::run(&args, cancellation),
         Command::Render(args) => commands::render::run(&args, cancellation),
         Command::Eval(args) => commands::eval::run(&args, cancellation),
         Command::Report(args) => commands::report::run(&args, cancellation),

@@ -237,6 +237,11 @@ fn of_report(error: &dvr_report::Error) -> Option<String> {
 fn of_sfm(error: &SfmError) -> Option<String> {
     match error {
         SfmError::Core(error) => of_core(error),
+        SfmError::NoNormals { .. } => Some(
+            "COLMAP's stereo_fusion and PMVS write normals; MeshLab (Filters, Normals) and CloudCompare compute and orient them              for any cloud."
+                .into(),
+        ),
+        SfmError::NoSurface { trim, .. } if *trim > 0.0 => Some("Trim less with --trim, or not at all with --trim 0.".into()),
         SfmError::NotInstalled { program: "colmap", .. } => Some(
             "Install it: `apt install colmap` (Debian, Ubuntu), `brew install colmap` (macOS), or `conda install -c \
              conda-forge colmap`. Photographs that have cameras need none."

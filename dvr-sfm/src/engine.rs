@@ -27,13 +27,14 @@ pub(crate) struct Engine {
 }
 
 impl Engine {
-    /// That of `given`, else that in `PATH`; what it is asked about itself ends where `cancellation` says so.
+    /// That of `given`, else that in `PATH`; what it is asked about itself ends where `cancellation` says so. `purpose` is
+    /// what it does here, in the present tense.
     ///
     /// # Errors
     /// [`SfmError::NotInstalled`].
-    pub fn find(given: Option<&Path>, cancellation: &Cancellation) -> Result<Self> {
+    pub fn find(given: Option<&Path>, purpose: &'static str, cancellation: &Cancellation) -> Result<Self> {
         let found = given.map_or_else(|| program("colmap"), |given| given.is_file().then(|| given.to_owned()));
-        let missing = SfmError::NotInstalled { program: "colmap", purpose: "finds the cameras of photographs" };
+        let missing = SfmError::NotInstalled { program: "colmap", purpose };
         let program = found.ok_or(missing)?;
         let mut engine = Self { program, version: String::new(), cancellation: cancellation.clone() };
         let words = engine.help("help").split_whitespace().take(2).collect::<Vec<_>>().join(" ");

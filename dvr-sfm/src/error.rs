@@ -1,6 +1,6 @@
 //! What can go wrong between photographs and cameras.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use dvr_core::Cancelled;
 
@@ -73,7 +73,7 @@ pub enum SfmError {
         log: PathBuf,
     },
     /// COLMAP or ffmpeg came to no good end.
-    #[error("{program} failed at {step} ({how}): {said}. All that it said: {}", log.display())]
+    #[error("{program} failed at {step} ({how}): {said}{}", all_in(log))]
     Failed {
         /// `colmap` or `ffmpeg`.
         program: &'static str,
@@ -83,8 +83,22 @@ pub enum SfmError {
         how: String,
         /// Its last words.
         said: String,
-        /// All of them.
+        /// All of them; empty where they are not kept.
         log: PathBuf,
+    },
+    /// Points that a surface is to go through have no normals.
+    #[error("none of the {points} points has a normal (nx, ny, nz), and a surface needs to know its outside")]
+    NoNormals {
+        /// How many points there are.
+        points: usize,
+    },
+    /// Nothing is left of a surface.
+    #[error("nothing is left of the surface of {points} points, trimmed at {trim}")]
+    NoSurface {
+        /// How many points there are.
+        points: usize,
+        /// Where the surface was trimmed.
+        trim: f64,
     },
     /// A clip gives no frames.
     #[error("{}: no frames can be read from the clip ({said})", path.display())]
@@ -106,6 +120,11 @@ impl From<dvr_core::Error> for SfmError {
             other => Self::Core(other),
         }
     }
+}
+
+/// Where all that a program said is kept, as a sentence's end and one more sentence.
+fn all_in(log: &Path) -> String {
+    if log.as_os_str().is_empty() { String::new() } else { format!(". All that it said: {}", log.display()) }
 }
 
 /// The first names of a list, and how many more there are.

@@ -59,7 +59,7 @@ pub fn find_cameras(
     if let Some(found) = FoundCameras::read(out).filter(|found| found.key == key) {
         return Ok(found);
     }
-    let engine = Engine::find(options.program.as_deref(), &options.cancellation)?;
+    let engine = Engine::find(options.program.as_deref(), "finds the cameras of photographs", &options.cancellation)?;
     let mut workspace = Workspace::open(out, &key, options.may_replace)?;
     if let Err(error) = prepare(source, &mut workspace, options, tell) {
         if workspace.is_new() {

@@ -1,4 +1,5 @@
-//! Cameras of photographs that have none: structure from motion by COLMAP, which is run as a program.
+//! Cameras of photographs that have none: structure from motion by COLMAP, which is run as a program; and surfaces of
+//! point clouds ([`poisson_surface`]), by the screened Poisson reconstruction that COLMAP has.
 //!
 //! ```no_run
 //! use dvr_sfm::{Source, SfmOptions, find_cameras};
@@ -31,6 +32,7 @@ mod find;
 mod masks;
 mod options;
 mod pictures;
+mod poisson;
 mod progress;
 mod result;
 mod source;
@@ -41,5 +43,6 @@ pub use compare::CameraErrors;
 pub use error::SfmError;
 pub use find::find_cameras;
 pub use options::{CameraSharing, Event, Matching, SfmOptions};
+pub use poisson::{PoissonOptions, poisson_surface};
 pub use result::FoundCameras;
 pub use source::Source;

@@ -8,6 +8,7 @@ mod exchange;
 mod faces;
 mod mesh;
 mod method;
+mod points2mesh;
 mod predict;
 mod preset;
 mod render;
@@ -31,6 +32,7 @@ pub use mesh::{Colors, ContourName, MeshArgs, MeshingArgs, SurfaceArgs};
 pub use method::CapacityArg;
 #[cfg(test)]
 pub use method::MethodName;
+pub use points2mesh::Points2MeshArgs;
 pub use predict::PredictArgs;
 pub use preset::PresetArg;
 pub use render::{Animation, Cameras, RenderArgs, UpAxis};
@@ -73,6 +75,9 @@ pub enum Command {
     Mesh(MeshArgs),
     /// Give any mesh a texture from a scene's photographs
     Texture(TextureArgs),
+    /// Make a surface of a dense cloud of points with normals, by screened Poisson reconstruction with COLMAP
+    #[command(name = "points2mesh")]
+    Points2Mesh(Points2MeshArgs),
     /// Render a run: the dataset's views, or an orbit with a turntable animation
     Render(RenderArgs),
     /// Evaluate a run or a mesh: shape against ground truth, verified points or a DTU scan, renders against test views

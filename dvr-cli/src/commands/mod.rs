@@ -19,6 +19,7 @@ pub mod mesh;
 mod meshing;
 mod method_of_args;
 mod notes;
+pub mod points2mesh;
 mod points_table;
 pub mod predict;
 mod provenance;

@@ -1,0 +1,59 @@
+//! Surfaces of clouds of points on the command line.
+
+mod support;
+
+use std::path::PathBuf;
+use std::process::Command;
+
+use dvr_core::mesh::{Mesh, read_mesh, shapes, write_mesh};
+use dvr_core::sampling::sample_surface;
+use dvr_test_support::{program, test_with};
+use support::{dvr, refuses, succeeds, text};
+use tempfile::TempDir;
+
+/// Points of a ball, with normals where they are asked for.
+fn ball(folder: &TempDir, has_normals: bool) -> PathBuf {
+    let samples = sample_surface(&shapes::icosphere(4, 1.0), 8000, 1);
+    let normals = has_normals.then_some(samples.normals);
+    let path = folder.path().join(if has_normals { "ball.ply" } else { "bare.ply" });
+    write_mesh(&path, &Mesh { vertices: samples.points, normals, ..Mesh::default() }).unwrap();
+    path
+}
+
+#[test_with(program("colmap"))]
+fn points_become_a_surface_in_every_format_and_files_are_kept() {
+    let folder = tempfile::tempdir().unwrap();
+    let cloud = ball(&folder, true);
+    for name in ["ball.glb", "surface.ply", "ball.obj"] {
+        let out = folder.path().join(name);
+        let args = ["points2mesh", text(&cloud), "--out", text(&out), "--depth", "5", "--colmap-threads", "1"];
+        let said = succeeds(&dvr(&args));
+        assert!(said.contains("8000 points became"), "{said}");
+        let surface = read_mesh(&out).unwrap().mesh;
+        assert!(surface.faces.len() > 500 && surface.normals.is_some());
+        assert!(surface.vertices.iter().all(|vertex| (vertex.length() - 1.0).abs() < 0.05));
+        refuses(&dvr(&args), &[name, "--overwrite"]);
+    }
+    let out = folder.path().join("small.ply");
+    let args = ["points2mesh", text(&cloud), "--out", text(&out), "--depth", "5", "--faces", "200"];
+    assert!(succeeds(&dvr(&args)).contains("simplified"));
+    assert!(read_mesh(&out).unwrap().mesh.faces.len() <= 200);
+}
+
+#[test]
+fn what_cannot_become_a_surface_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let [bare, cloud] = [false, true].map(|has_normals| ball(&folder, has_normals));
+    let out = folder.path().join("out.ply");
+    refuses(&dvr(&["points2mesh", text(&bare), "--out", text(&out)]), &["bare.ply", "no", "normal", "MeshLab"]);
+    refuses(&dvr(&["points2mesh", "/nowhere.ply", "--out", text(&out)]), &["/nowhere.ply"]);
+    refuses(&dvr(&["points2mesh", text(&cloud), "--out", "/tmp/a.stl"]), &["/tmp/a.stl", ".glb"]);
+    refuses(&dvr(&["points2mesh", text(&cloud), "--out", text(&out), "--trim", "-1"]), &["--trim", "0 to 20"]);
+    let alone = Command::new(env!("CARGO_BIN_EXE_dvr"))
+        .args(["points2mesh", text(&cloud), "--out", text(&out)])
+        .env("PATH", folder.path())
+        .output()
+        .unwrap();
+    refuses(&alone, &["`colmap`, which makes surfaces of points", "apt install colmap"]);
+    assert!(!out.exists());
+}
