@@ -7,7 +7,7 @@ use std::process::Command;
 
 use dvr_core::mesh::{Mesh, read_mesh, shapes, write_mesh};
 use dvr_core::sampling::sample_surface;
-use dvr_test_support::{program, test_with};
+use dvr_test_support::test_with;
 use support::{dvr, refuses, succeeds, text};
 use tempfile::TempDir;
 
@@ -20,7 +20,7 @@ fn ball(folder: &TempDir, has_normals: bool) -> PathBuf {
     path
 }
 
-#[test_with(program("colmap"))]
+#[test_with(colmap)]
 fn points_become_a_surface_in_every_format_and_files_are_kept() {
     let folder = tempfile::tempdir().unwrap();
     let cloud = ball(&folder, true);

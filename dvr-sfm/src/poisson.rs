@@ -98,7 +98,7 @@ fn oriented(cloud: &Mesh) -> Result<Mesh> {
 #[cfg(test)]
 mod tests {
     use dvr_core::sampling::sample_surface;
-    use dvr_test_support::{program, test_with};
+    use dvr_test_support::test_with;
     use glam::Vec3;
 
     use super::*;
@@ -111,7 +111,7 @@ mod tests {
         Mesh { vertices: pick(&samples.points), normals: Some(pick(&samples.normals)), ..Mesh::default() }
     }
 
-    #[test_with(program("colmap"))]
+    #[test_with(colmap)]
     fn a_surface_goes_through_its_points_and_trimming_leaves_open_what_no_point_shows() {
         let options = PoissonOptions { depth: 6, threads: Some(1), ..PoissonOptions::default() };
         let cloud = open_ball();
