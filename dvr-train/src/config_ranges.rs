@@ -56,6 +56,8 @@ const OF_OBJECTS: &[NumberRange] = &[
     whole("views", 1, 4096),
     real("hull_depth", 0.0, WEIGHT),
     whole("points", 1, RAYS),
+    real("box_share", 0.0, 1.0),
+    real("threshold", 0.001, 0.999),
     whole("validate_objects", 0, 1_000_000),
 ];
 

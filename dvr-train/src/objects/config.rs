@@ -16,6 +16,16 @@ use dvr_core::number_range::{OutOfRange, check_numbers};
 /// What a single scene's training has, and that of objects has not.
 const HIDDEN: &[&str] = &["hold_out_every", "hull.warm_start_steps", "hull.warm_start_points", "hull.bound_rays"];
 
+/// The threshold of Occupancy Networks' code for single pictures (`configs/img/onet.yaml`; Mescheder et al. 2019).
+const ONET_THRESHOLD: f64 = 0.2;
+
+/// Share of the points that are drawn in the object's box.
+const BOX_SHARE: f64 = 0.5;
+
+fn half() -> f64 {
+    0.5
+}
+
 /// Everything that determines a run over many objects, besides the dataset and the backend.
 ///
 /// In JSON the keys of [`TrainConfig`] stand beside the others, but for `hold_out_every` (what is held out are objects)
@@ -42,6 +52,12 @@ pub struct ObjectsConfig {
     pub hull_depth: f64,
     /// Points of each object in a step of `occupancy` supervision.
     pub points: usize,
+    /// Share of these that are drawn in the padded box of the object, the others in the padded cube: from 0 to 1.
+    #[serde(default)]
+    pub box_share: f64,
+    /// The occupancy at which the surface lies, between 0 and 1.
+    #[serde(default = "half")]
+    pub threshold: f64,
     /// Objects of the validation split that a validation looks at, spread evenly over them.
     pub validate_objects: usize,
     /// Decoder, losses, marching, schedule.
@@ -65,6 +81,8 @@ impl ObjectsConfig {
             one_view: false,
             hull_depth: 10.0,
             points: 512,
+            box_share: if supervision == Supervision::Occupancy { BOX_SHARE } else { 0.0 },
+            threshold: if supervision == Supervision::Occupancy { ONET_THRESHOLD } else { half() },
             validate_objects: 40,
             train: TrainConfig {
                 steps: 9000,
@@ -93,6 +111,7 @@ impl ObjectsConfig {
             objects: 64,
             hull_depth: 0.0,
             points: 2048,
+            box_share: 0.0,
             train: TrainConfig {
                 steps: 300_000,
                 model: decoder,
@@ -128,6 +147,11 @@ impl ObjectsConfig {
     pub fn of_record(record: &MethodRecord) -> Result<Option<Self>> {
         let is_of_objects = record.config.get("encoder").is_some();
         is_of_objects.then(|| Self::new(Supervision::default()).overridden(&record.config)).transpose()
+    }
+
+    /// The logit of the occupancy at which the surface lies.
+    pub(crate) fn surface_logit(&self) -> f64 {
+        (self.threshold / (1.0 - self.threshold)).ln()
     }
 
     /// Whether visual hulls stand for depth maps.

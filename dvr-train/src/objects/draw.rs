@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use dvr_core::dataset::ObjectDataset;
-use dvr_core::{Split, View};
+use dvr_core::{OccupancySamples, Split, View};
 use glam::Vec3;
 use image::RgbImage;
 use rand::Rng;
@@ -263,13 +263,30 @@ impl BatchDrawer {
             let remedy = "Occupancy supervision needs it in every object; rgb and depth do not.";
             return Err(dvr_core::Error::format(path, "there is no points.npz, or it is empty", remedy).into());
         };
+        let boxed = (self.config.points as f64 * self.config.box_share).round() as usize;
+        let near = if boxed > 0 { in_padded_box(&samples) } else { Vec::new() };
+        let all: Vec<usize> = (0..samples.points.len()).collect();
         Ok((0..self.config.points)
-            .map(|_| {
-                let i = rng.random_range(0..samples.points.len());
+            .map(|point| {
+                let among = if point < boxed && !near.is_empty() { &near } else { &all };
+                let i = among[rng.random_range(0..among.len())];
                 (samples.points[i], samples.inside[i])
             })
             .collect())
     }
+}
+
+/// The box of an object is padded by this share of its longest edge on each side, as Occupancy Networks pad the cube.
+const PADDING: f32 = 0.05;
+
+/// The samples in the padded box around those that are inside; none where nothing is inside.
+fn in_padded_box(samples: &OccupancySamples) -> Vec<usize> {
+    let inside = || samples.points.iter().zip(&samples.inside).filter_map(|(point, inside)| inside.then_some(*point));
+    let (low, high) = (inside().fold(Vec3::INFINITY, Vec3::min), inside().fold(Vec3::NEG_INFINITY, Vec3::max));
+    let padding = PADDING * (high - low).max_element();
+    let (low, high) = (low - padding, high + padding);
+    let is_near = |point: &Vec3| point.cmpge(low).all() && point.cmple(high).all();
+    samples.points.iter().enumerate().filter_map(|(i, point)| is_near(point).then_some(i)).collect()
 }
 
 /// The one view of an object that is learned from with `one_view`: a hash of the seed and the object's name, so that it stays

@@ -16,7 +16,8 @@ use crate::run::checkpoint::Checkpoint;
 /// Cells along an edge of the grid that lets rendering skip empty space.
 const SKIP_CELLS: usize = 32;
 
-/// A model without gradient tracking, with the configuration that it was trained by.
+/// A model without gradient tracking, with the configuration that it was trained by. Its surface lies where the
+/// occupancy is [`ObjectsConfig::threshold`]; the last bias is shifted so that it is where the logit is 0, as everywhere.
 #[derive(Clone, Debug)]
 pub struct ObjectModel {
     config: ObjectsConfig,
@@ -40,6 +41,7 @@ impl ObjectModel {
     pub(crate) fn from_bytes(config: ObjectsConfig, model: &[u8], device: &Device) -> Result<Self> {
         check_holds(model, config.image_model().parameters())?;
         let model = restore_module(model, config.image_model().init(device))?.valid();
+        let model = with_surface_at(model, config.surface_logit());
         Ok(Self { config, model })
     }
 
@@ -81,6 +83,20 @@ impl ObjectModel {
     fn device(&self) -> Device {
         self.model.decoder.fc_p.weight.val().device()
     }
+}
+
+/// The model without gradient tracking whose logits are smaller by `logit`.
+pub(crate) fn with_surface_at(mut model: ImageModel, logit: f64) -> ImageModel {
+    if logit != 0.0 {
+        model.decoder.fc_out.bias = model.decoder.fc_out.bias.map(|bias| {
+            bias.map(|bias| {
+                // Channel 0 is the occupancy.
+                let rest = bias.clone().slice([1..4]);
+                Tensor::cat(vec![bias.slice([0..1]) - logit, rest], 0)
+            })
+        });
+    }
+    model
 }
 
 /// How the fields of objects are looked at.

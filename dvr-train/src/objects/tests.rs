@@ -136,6 +136,62 @@ fn in_the_place_of_a_broken_object_another_one_is_drawn_and_it_is_named_once() {
     assert!(message.to_string().contains("in a row"), "{message}");
 }
 
+/// A thin plate, rendered, in a dataset of its own.
+fn plate() -> (tempfile::TempDir, Arc<ObjectDataset>) {
+    let folder = tempfile::tempdir().unwrap();
+    let config = SynthConfig {
+        views: 4,
+        width: 16,
+        height: 16,
+        surface_points: 500,
+        occupancy_points: 20_000,
+        ..SynthConfig::default()
+    };
+    let mesh = shapes::cuboid(Vec3::new(-0.5, -0.4, -0.02), Vec3::new(0.5, 0.4, 0.02));
+    let mesh = TexturedMesh { mesh, ..TexturedMesh::default() };
+    render_dataset(&mesh, "plate", "plates", folder.path(), &config, &|_, _| ()).unwrap();
+    let dataset = open(folder.path());
+    (folder, dataset)
+}
+
+#[test]
+fn points_are_drawn_in_the_padded_box_of_the_object_as_often_as_asked_for() {
+    let (_folder, dataset) = plate();
+    for (share, least, most) in [(0.0, 0.0, 0.25), (0.5, 0.45, 0.7), (1.0, 1.0, 1.0)] {
+        let mut config = ObjectsConfig { box_share: share, ..small(Supervision::Occupancy) };
+        (config.objects, config.points) = (1, 2000);
+        let batch = BatchDrawer::new(dataset.clone(), config).unwrap().draw(1).unwrap();
+        let RayGradient::Points { points, inside, .. } = batch.ray_gradient else { panic!("points") };
+        // The plate is .9 long, and .036 thick.
+        let near = points.iter().filter(|point| point.abs().cmple(Vec3::new(0.496, 0.406, 0.064)).all()).count();
+        let found = near as f64 / points.len() as f64;
+        assert!((least..=most).contains(&found), "{found} of the points for a share of {share}");
+        let thin = |point: &Vec3| point.abs().cmple(Vec3::new(0.45, 0.36, 0.018)).all();
+        assert!(points.iter().zip(&inside).all(|(point, &inside)| thin(point) == inside));
+    }
+}
+
+#[test]
+fn the_surface_lies_at_the_threshold_in_validation_and_in_what_a_checkpoint_gives() {
+    let (_folder, dataset) = dataset();
+    let config = small(Supervision::Occupancy);
+    assert_eq!(config.threshold, 0.2);
+    let mut trainer = ObjectsTrainer::new(dataset.clone(), config.clone(), Device::flex()).unwrap();
+    trainer.step().unwrap();
+    let logits = |threshold: f64| {
+        let config = ObjectsConfig { threshold, ..config.clone() };
+        let model =
+            super::model::ObjectModel::from_bytes(config, &Learner::model(&trainer).unwrap(), &Device::flex()).unwrap();
+        let picture = dataset.read_input(0, 0, 63).unwrap();
+        let points = burn::tensor::Tensor::from_floats([[0.0f32, 0.0, 0.0], [0.3, 0.2, 0.1]], &Device::flex());
+        let field = model.field_of_picture(&picture);
+        field.occupancy_logit(&Query::new(points)).into_data().iter::<f32>().collect::<Vec<f32>>()
+    };
+    let (half, fifth) = (logits(0.5), logits(0.2));
+    let shifted: Vec<f32> = half.iter().map(|logit| logit + 4.0f32.ln()).collect();
+    assert!(max_difference(&fifth, &shifted) < 1e-5, "{half:?} {fifth:?}");
+}
+
 /// What a model says of some points of an object: codes, and with them running statistics, show in it.
 fn answers(trainer: &ObjectsTrainer, dataset: &ObjectDataset) -> Vec<f32> {
     let state = trainer.state().unwrap();

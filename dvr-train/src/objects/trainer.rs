@@ -15,7 +15,7 @@ use glam::Vec3;
 use super::config::ObjectsConfig;
 use super::draw::{BatchDrawer, ObjectsBatch, RayGradient};
 use super::loader::Loader;
-use super::model::{image_tensor, rows_tensor};
+use super::model::{image_tensor, rows_tensor, with_surface_at};
 use super::validate::{ValidationView, read_validation_views, validate};
 use crate::error::{Error, Result};
 use crate::learners::adam::adam;
@@ -199,7 +199,8 @@ impl Learner for ObjectsTrainer {
     }
 
     fn validate(&self, pixels: usize) -> Option<ViewMetrics> {
-        validate(&self.model.valid(), &self.validation_views, pixels, self.devices.first())
+        let model = with_surface_at(self.model.valid(), self.config.surface_logit());
+        validate(&model, &self.validation_views, pixels, self.devices.first())
     }
 
     fn model(&self) -> Result<Vec<u8>> {
