@@ -3,7 +3,6 @@
 mod carving_votes;
 mod confirmed;
 mod hull;
-mod min_cut;
 mod plane_sweep;
 mod silhouettes;
 mod space_carving;

@@ -7,14 +7,13 @@
 //! is empty, leads to the outside, is deep, and is seen by pixels whose way to it is free, is carved away. Training finds
 //! the surface from there, and leaves the middle of hollows empty.
 
-use dvr_core::voxel::VoxelGrid;
+use dvr_core::voxel::{VoxelGrid, least_area};
 use dvr_core::{Cancellation, Cancelled, signed_distance_at_nodes};
 use glam::Vec3;
 use rayon::prelude::*;
 
 use super::carving_votes::{AT_ONCE, Votes, blurred, nodes_along};
 use super::confirmed::forget_unconfirmed;
-use super::min_cut::least_area;
 use super::plane_sweep::{PlaneSweep, SweptPixel};
 use super::silhouettes::{unexplained, way};
 use crate::views::TrainingView;

@@ -4,9 +4,10 @@
 //! that its minimum is that of the surface problem, and cut at one half (Chan, Esedoglu and Nikolova 2006). Solved by
 //! first-order primal-dual steps (Chambolle and Pock 2011, algorithm 1).
 
-use dvr_core::voxel::VoxelGrid;
-use dvr_core::{Cancellation, Cancelled};
 use rayon::prelude::*;
+
+use super::grid::VoxelGrid;
+use crate::cancellation::{Cancellation, Cancelled};
 
 /// Price of a unit of area in spacings, where a node that all votes call empty costs 1.
 const AREA: f32 = 0.1;
@@ -22,7 +23,7 @@ const STEP: f32 = 0.288;
 ///
 /// # Errors
 /// [`Cancelled`] where somebody wants it to end.
-pub(super) fn least_area(
+pub fn least_area(
     grid: &VoxelGrid,
     price: &[f32],
     is_inside: &[bool],
