@@ -24,6 +24,8 @@ pub enum FolderKind {
     Evaluation,
     /// Cameras of photographs, with the pictures that they belong to.
     Cameras,
+    /// Masks of photographs.
+    Masks,
 }
 
 impl fmt::Display for FolderKind {
@@ -37,6 +39,7 @@ impl fmt::Display for FolderKind {
             Self::Predictions => "a set of predictions",
             Self::Evaluation => "an evaluation",
             Self::Cameras => "cameras of photographs",
+            Self::Masks => "masks of photographs",
         })
     }
 }

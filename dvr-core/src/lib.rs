@@ -78,7 +78,7 @@ pub use bilinear::{Bilinear, Linear};
 pub use bvh::{Bvh, NearestPoint, RayHit};
 pub use camera::{Camera, Similarity};
 pub use cancellation::{Cancellation, Cancelled, Shield};
-pub use distance_transform::signed_distance_at_nodes;
+pub use distance_transform::{signed_distance, signed_distance_at_nodes};
 pub use error::{CameraError, ComparisonError, Error, LensError, NormalisationError, OutputError, Result};
 pub use exposure::Exposure;
 pub use hold_out::{HOLD_OUT_EVERY, HeldOut};

@@ -6,7 +6,7 @@ use glam::{DMat3, DVec3};
 use image::imageops;
 use rayon::prelude::*;
 
-use super::masks::mask_from_background;
+use super::masks::{mask_from_background, mask_of_view};
 use super::options::ReadOptions;
 use super::raw_scene::{Coordinates, ObjectBounds, Projection, RawScene, RawView};
 use crate::downscale::{downscale_camera, downscale_depth, downscale_image, downscale_mask};
@@ -156,6 +156,7 @@ pub(super) fn load_view(view: &RawView, mirrored: bool, cameras: &Path, options:
     let (width, height) = image.dimensions();
     let (mut mask, mask_source) = match (options.background, &view.mask, &alpha) {
         (Some(background), _, _) => (Some(mask_from_background(&image, background)), MaskSource::Background),
+        (None, _, _) if options.masks.is_some() => (None, MaskSource::File),
         (None, Some(path), alpha) => {
             let mask = read_mask(path)?;
             let source = if repeats(&mask, alpha.as_ref()) { MaskSource::Alpha } else { MaskSource::File };
@@ -217,6 +218,9 @@ pub(super) fn load_view(view: &RawView, mirrored: bool, cameras: &Path, options:
         mask = mask.map(|mask| downscale_mask(&mask, factor));
         depth = depth.map(|depth| downscale_depth(&depth, factor));
         camera = downscale_camera(&camera, factor);
+    }
+    if let (None, Some(folder)) = (options.background, &options.masks) {
+        mask = mask_of_view(folder, &view.name, image.dimensions())?;
     }
     let split = view.split;
     Ok(View { depth, split, mask_source, ..View::new(view.name.as_str(), camera, stored(image), mask) })

@@ -2,11 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
-use image::{GrayImage, Luma, RgbImage};
+use image::{GrayImage, Luma, RgbImage, imageops};
 
 use super::options::{Background, BackgroundColor};
 use super::pairing::{partners, pictures, sub_folder};
-use crate::error::Result;
+use crate::error::{Error, Result};
+use crate::files::read_mask;
 use crate::raster::Mask;
 
 /// Names that a folder of masks may have, in lower case.
@@ -22,6 +23,24 @@ pub fn find_masks(root: &Path, images: &[PathBuf]) -> Result<Vec<Option<PathBuf>
         Some(folder) => partners(images, &folder, pictures()),
         None => Ok(vec![None; images.len()]),
     }
+}
+
+/// The mask of a view in a folder of masks by names of views, at the size of its picture; `None` where it has none.
+///
+/// # Errors
+/// [`Error::Io`](crate::Error::Io) where the folder is missing, [`Error::Format`](crate::Error::Format) where the mask is damaged.
+pub(super) fn mask_of_view(folder: &Path, view: &str, (width, height): (u32, u32)) -> Result<Option<Mask>> {
+    std::fs::read_dir(folder).map_err(|source| Error::io(folder, source))?;
+    let path = folder.join(format!("{view}.png"));
+    if !path.exists() {
+        return Ok(None);
+    }
+    let mask = read_mask(&path)?;
+    if mask.size() == (width, height) {
+        return Ok(Some(mask));
+    }
+    let coverage = imageops::resize(&mask.coverage, width, height, imageops::FilterType::Triangle);
+    Ok(Some(Mask::from(coverage)))
 }
 
 /// Marks the pixels that differ from a plain background. Parts of the object in the colour of the background, and

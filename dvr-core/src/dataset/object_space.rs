@@ -91,6 +91,9 @@ fn place_of_object(raw: &RawScene, views: &[View], asked: &[bool], normalise: No
         (Normalise::Given(object_to_world), _) => {
             Place::cube(compose(&raw.files_to_world.inverse(), &object_to_world), RegionEvidence::Given)
         }
+        (Normalise::Auto, ObjectBounds::Bound(bound)) if views.iter().all(|view| view.mask.is_none()) => {
+            Place::cube(bound, RegionEvidence::Sphere)
+        }
         (Normalise::Auto, ObjectBounds::Bound(bound)) => match by_masks(raw, views, asked, Some(&bound)) {
             Ok(place) => place,
             Err(error) => {

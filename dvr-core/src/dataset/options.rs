@@ -1,6 +1,7 @@
 //! How a scene is to be read.
 
 use std::fmt;
+use std::path::PathBuf;
 use std::str::FromStr;
 
 use crate::camera::Similarity;
@@ -97,6 +98,9 @@ pub struct ReadOptions {
     pub downscale: u32,
     /// Make the masks from a plain background, whether or not the files have masks.
     pub background: Option<Background>,
+    /// A folder of masks to use in place of the files' own: for each view its name with `.png`, of the picture as it is read,
+    /// upright and undistorted, at its size or another. A view that has none there has no mask.
+    pub masks: Option<PathBuf>,
     /// At most this many views to train on, spread evenly over those there are. Views of other splits all stay.
     pub n_views: Option<usize>,
     /// Views to leave out, by name, or by number in the order of the files, from 0.
@@ -129,6 +133,7 @@ impl Default for ReadOptions {
             format: None,
             downscale: 1,
             background: None,
+            masks: None,
             n_views: None,
             ignored_views: Vec::new(),
             known_views: None,

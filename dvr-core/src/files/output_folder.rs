@@ -96,6 +96,20 @@ impl OutputFolder {
         }
     }
 
+    /// Enters more files that are going to be written, by their paths within the folder.
+    ///
+    /// # Errors
+    /// [`OutputError::FileThere`] where one is there that is not ours, [`Error::FolderName`] where one would lie outside;
+    /// [`Error::Io`] where the folder cannot be written to.
+    pub fn add<S: AsRef<str>>(&mut self, files: &[S]) -> Result<()> {
+        let kind = self.manifest.kind;
+        let mut known = Self::known_files(&self.root, kind, Claim::Continue, files)?;
+        let added: Vec<&str> = files.iter().map(S::as_ref).filter(|file| !known.iter().any(|k| k == file)).collect();
+        known.extend(added.into_iter().map(str::to_owned));
+        self.manifest.files = known;
+        self.manifest.write(&self.root)
+    }
+
     /// Removes all that belongs to the folder, and the folder where nothing else is in it.
     ///
     /// # Errors

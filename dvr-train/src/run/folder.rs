@@ -94,6 +94,11 @@ impl RunFolder {
         self.root.join("preview.png")
     }
 
+    /// Folder of the masks that were found where the scene had none: for each view its name with `.png`.
+    pub fn masks(&self) -> PathBuf {
+        self.root.join("masks")
+    }
+
     /// Whether the folder was made for a run.
     pub fn is_run(&self) -> bool {
         holds(&self.root, FolderKind::Run)
