@@ -75,6 +75,7 @@ fn run(command: Command, cancellation: &Cancellation) -> anyhow::Result<ExitCode
     match command {
         Command::Info(args) => commands::info::run(&args, cancellation),
         Command::Cameras(args) => commands::cameras::run(&args, cancellation),
+        Command::Masks(args) => commands::masks::run(&args, cancellation),
         Command::Train(args) => commands::train::run(&args, cancellation),
         Command::Mesh(args) => commands::mesh::run(&args, cancellation),
         Command::Texture(args) => commands::texture::run(&args, cancellation),

@@ -8,6 +8,7 @@ use dvr_core::OutputError;
 use dvr_core::files::FolderKind;
 use dvr_core::number_range::OutOfRange;
 use dvr_report::Diagnostic;
+use dvr_segmentation::SegmentationError;
 use dvr_sfm::SfmError;
 use dvr_texture::TextureError;
 use dvr_train::{CodesError, Error as TrainError};
@@ -23,9 +24,22 @@ pub fn remedy(error: &anyhow::Error) -> Option<String> {
             .or_else(|| cause.downcast_ref().and_then(of_record))
             .or_else(|| cause.downcast_ref().and_then(of_report))
             .or_else(|| cause.downcast_ref().and_then(of_sfm))
+            .or_else(|| cause.downcast_ref().and_then(of_segmentation))
             .or_else(|| of_gpu(cause))
             .or_else(|| cause.downcast_ref().and_then(of_system))
     })
+}
+
+/// Masks from all views.
+fn of_segmentation(error: &SegmentationError) -> Option<String> {
+    match error {
+        SegmentationError::Cancelled(_) => None,
+        SegmentationError::TooFewViews { .. } | SegmentationError::NothingFound => Some(
+            "Put masks into the folder `masks` beside the pictures, or give their folder with --masks DIR; with a plain \
+             background, --background white, black or border makes them."
+                .into(),
+        ),
+    }
 }
 
 /// Reading, checking and writing scenes.
@@ -33,7 +47,8 @@ fn of_core(error: &dvr_core::Error) -> Option<String> {
     use dvr_core::Error;
     match error {
         Error::MasksMissing { .. } => Some(
-            "With a plain background, --background white, black or border takes what differs from it as the object. Masks \
+            "Where no view has a mask, `dvr train` finds them from all views; some have one here. `--masks DIR` takes those of a \
+             folder. With a plain background, --background white, black or border takes what differs from it as the object. Masks \
              of pictures whose cameras were found go into the folder `masks` beside their `images`."
                 .into(),
         ),

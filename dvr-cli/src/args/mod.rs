@@ -6,6 +6,7 @@ mod device;
 mod eval;
 mod exchange;
 mod faces;
+mod masks;
 mod mesh;
 mod method;
 mod points2mesh;
@@ -28,6 +29,7 @@ pub use cameras::{CamerasArgs, FindingArgs};
 pub use eval::{Baseline, EvalArgs, EvalPointsArgs, SplitArg};
 pub use exchange::{ExportArgs, ImportArgs};
 pub use faces::FaceBudget;
+pub use masks::{MasksArgs, MasksFrom};
 pub use mesh::{Colors, ContourName, MeshArgs, MeshingArgs, SurfaceArgs};
 pub use method::CapacityArg;
 #[cfg(test)]
@@ -69,6 +71,8 @@ pub enum Command {
     Info(InfoArgs),
     /// Find the cameras of photographs or of a clip, by structure from motion with COLMAP
     Cameras(CamerasArgs),
+    /// Find the masks of pictures that have none, from all views together
+    Masks(MasksArgs),
     /// Reconstruct a scene: train, then write mesh, preview sheet, metrics and report
     Train(TrainArgs),
     /// Extract a run's mesh, at any resolution and in any format

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 use dvr_core::dataset::{Background, BackgroundColor, Format, Normalise, ReadOptions};
 
+use super::masks::MasksFrom;
 use super::values::{parse_memory, within};
 
 /// How a scene is read.
@@ -18,6 +19,11 @@ pub struct SceneArgs {
     /// Average NxN pixels into one [1 to 64; default: 1]
     #[arg(long, value_parser = within(1u32, 64), value_name = "N")]
     pub downscale: Option<u32>,
+    /// Where masks come from: auto (the scene's own; where no view has one, `dvr train` finds them from all views together),
+    /// given (the scene's own, nothing else), or a folder with NAME.png for each view, e.g. those of `dvr masks` [default:
+    /// auto]
+    #[arg(long, value_name = "WHERE", value_parser = clap::value_parser!(MasksFrom), conflicts_with = "background")]
+    pub masks: Option<MasksFrom>,
     /// Plain background, from which masks are made: white, black, or border (the colour of each picture's border)
     #[arg(long, value_name = "COLOR")]
     pub background: Option<BackgroundColor>,
@@ -85,6 +91,10 @@ impl SceneArgs {
             format: self.format,
             downscale: self.downscale.unwrap_or(1),
             background: self.background(),
+            masks: match &self.masks {
+                Some(MasksFrom::Folder(folder)) => Some(folder.canonicalize().unwrap_or_else(|_| folder.clone())),
+                _ => None,
+            },
             n_views: self.views,
             ignored_views: self.ignore.clone(),
             normalise: self.normalise.map_or(Normalise::Auto, NormaliseArg::normalise),

@@ -8,6 +8,7 @@ use dvr_core::hull::{Bounds, HullSettings, MaskDistance, OutlineContradictions, 
 use dvr_core::{HOLD_OUT_EVERY, Scene, Split, UnitCube, View};
 use serde::Serialize;
 
+use super::masks::are_missing;
 use super::{SceneReading, print_notes, refinement_notes};
 use crate::args::InfoArgs;
 
@@ -71,7 +72,13 @@ pub fn run(args: &InfoArgs, cancellation: &Cancellation) -> Result<ExitCode> {
     info.warnings.extend(contradictions(&scene, cancellation)?);
     if let Err(error) = scene.require_masks() {
         info.warnings
-            .push(format!("training needs masks: {error} (--background COLOR makes masks from a plain background)"));
+            .push(if are_missing(&scene, args.reading.masks.as_ref()) {
+                "no view has a mask: `dvr train` finds them from all views together, and `dvr masks` alone does so; --background \
+                 COLOR makes masks from a plain background"
+                    .to_owned()
+            } else {
+                format!("training needs masks: {error} (--background COLOR makes masks from a plain background)")
+            });
     }
     if args.json {
         println!("{}", serde_json::to_string_pretty(&info)?);

@@ -15,6 +15,7 @@ pub mod import;
 pub mod info;
 mod job;
 mod kept_row;
+pub mod masks;
 pub mod mesh;
 mod meshing;
 mod method_of_args;

@@ -8,7 +8,7 @@ use serde_json::Value;
 
 use super::SceneReading;
 use super::method_of_args::{configured, method_name};
-use crate::args::{SceneArgs, TrainArgs};
+use crate::args::{MasksFrom, SceneArgs, TrainArgs};
 
 /// The method of a run that is resumed: the one that it began with, but for more steps where it takes them.
 ///
@@ -91,6 +91,8 @@ impl Differences {
         self.compare("--format", options.format, given.format.map(Some));
         self.compare("--downscale", options.downscale, given.downscale);
         self.compare("--background", options.background, given.background().map(Some));
+        let masks = matches!(given.masks, Some(MasksFrom::Folder(_))).then(|| given.read_options().masks);
+        self.compare("--masks", options.masks.clone(), masks);
         self.compare("--no-mask-refinement", !stored.refine_masks, given_flag(given.no_mask_refinement));
         self.compare("--views", options.n_views, given.views.map(Some));
         self.compare("--ignore", options.ignored_views.clone(), ignored);

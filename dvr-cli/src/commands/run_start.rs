@@ -10,6 +10,7 @@ use dvr_core::files::{OutputFolder, check_beside_data};
 use dvr_sfm::Source;
 use dvr_train::{Checkpoint, Method, RunFolder, RunOptions, RunOutcome};
 
+use super::stored_run::find_masks_again;
 use crate::EXIT_INTERRUPTED;
 use crate::args::TrainArgs;
 
@@ -39,7 +40,11 @@ impl RunStart {
         }
         let taken = Some(folder.resume()?);
         let resumed = match (folder.last().exists(), &args.scene) {
-            (true, _) => Some(Checkpoint::load(&folder.last())?),
+            (true, _) => {
+                let mut checkpoint = Checkpoint::load(&folder.last())?;
+                find_masks_again(&mut checkpoint, Some(out));
+                Some(checkpoint)
+            }
             (false, Some(_)) => {
                 eprintln!("note: the run was stopped before its first checkpoint; it starts from its beginning");
                 None

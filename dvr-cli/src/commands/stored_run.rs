@@ -14,7 +14,22 @@ use super::scene_reading::SceneReading;
 /// The checkpoint at a path: a run's folder or a checkpoint's file.
 pub fn load_run(path: &Path) -> Result<Checkpoint> {
     let checkpoint = if path.is_dir() { RunFolder::new(path).load() } else { Checkpoint::load(path) };
-    Ok(checkpoint?)
+    let mut checkpoint = checkpoint?;
+    find_masks_again(&mut checkpoint, if path.is_dir() { Some(path) } else { path.parent() });
+    Ok(checkpoint)
+}
+
+/// Masks that were found for a run lie in its folder, also where that was moved.
+pub fn find_masks_again(checkpoint: &mut Checkpoint, folder: Option<&Path>) {
+    let Some(masks) = folder.map(|folder| RunFolder::new(folder).masks()).filter(|masks| masks.is_dir()) else {
+        return;
+    };
+    // Where the scene had its own masks, or others were named, these stand.
+    if let Some(stored) = checkpoint.header.reading.get_mut("masks").filter(|stored| !stored.is_null())
+        && !stored.as_str().is_some_and(|path| Path::new(path).is_dir())
+    {
+        *stored = masks.to_string_lossy().into_owned().into();
+    }
 }
 
 /// Where results of a run go: to `out`, or to the run's own `files`, and then the folder is ours as long as it is held.

@@ -1,11 +1,13 @@
 //! `dvr train`: the whole job.
 
 use std::borrow::Cow;
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::{Result, bail};
 use cpu_time::ProcessTime;
 use dvr_core::dataset::{Format, is_object_dataset};
+use dvr_core::files::OutputFolder;
 use dvr_core::{Cancellation, Scene, ViewNames};
 use dvr_report::SourceRun;
 use dvr_train::{
@@ -14,6 +16,7 @@ use dvr_train::{
 
 use super::cameras::{photographs_without_cameras, scene_of_photographs};
 use super::depth_table::in_short;
+use super::masks::{are_missing, find, summary, write};
 use super::method_of_args::method_of_args;
 use super::points_table::print_points;
 use super::resumed::resumed_method;
@@ -58,8 +61,8 @@ fn with_cameras<'a>(args: &'a TrainArgs, cancellation: &Cancellation) -> Result<
     let Some(source) = photographs_without_cameras(path)? else { return Ok(Cow::Borrowed(args)) };
     if !source.has_mask_folder() && args.reading.background.is_none() {
         eprintln!(
-            "note: no folder of masks is beside these photographs. Training needs masks: in a folder `masks`, in the alpha \
-             channel, or by --background. Cameras are found first, and are kept"
+            "note: no folder of masks is beside these photographs. Where no picture has an alpha channel, masks are found from \
+             all of them, after their cameras"
         );
     }
     let scene =
@@ -76,7 +79,13 @@ fn train_scene(
 ) -> Result<ExitCode> {
     let device = args.backend().training_device(method)?;
     limit_training(&device, args.reading.memory, method)?;
-    let (mut scene, reading, views) = read(args, start.resumed.as_ref(), method, cancellation)?;
+    let (mut scene, mut reading, mut views) = read(args, start.resumed.as_ref(), method, cancellation)?;
+    let mut writing = None;
+    if start.resumed.is_none() && are_missing(&scene, args.reading.masks.as_ref()) {
+        let (taken, masks) = found_masks(&scene, &mut start, method, cancellation)?;
+        writing = Some(taken);
+        (scene, reading, views) = read_with(args, Some(masks), method, cancellation)?;
+    }
     scene.require_masks()?;
     method.check_scene(&scene)?;
     describe(&scene, &views, method);
@@ -88,7 +97,10 @@ fn train_scene(
         needed.total() / 1_000_000,
         needed.photographs / 1_000_000
     );
-    let _writing = start.prepare(method)?;
+    let _writing = match writing {
+        Some(taken) => taken,
+        None => start.prepare(method)?,
+    };
     let (folder, resumed) = (&start.folder, start.resumed.as_ref());
     let options = RunOptions {
         refine_cameras: args.refine_cameras.unwrap_or(0),
@@ -135,8 +147,47 @@ fn read(
         let views = checkpoint.header.views.clone().unwrap_or_else(|| ViewNames::of(&scene, String::new()));
         return Ok((scene, checkpoint.header.reading.clone(), views));
     }
+    read_with(args, None, method, cancellation)
+}
+
+/// Finds the masks of a scene that has none and writes them into the run's folder, which is taken earlier for it.
+fn found_masks(
+    scene: &Scene,
+    start: &mut RunStart,
+    method: &dyn Method,
+    cancellation: &Cancellation,
+) -> Result<(OutputFolder, PathBuf)> {
+    eprintln!("{}: no view has a mask; the object is found from all views together", scene.name);
+    let mut writing = start.prepare(method)?;
+    let found = match find(scene, cancellation) {
+        Ok(found) => found,
+        // Nothing is left of a run that has not begun.
+        Err(error) => {
+            writing.remove()?;
+            return Err(error);
+        }
+    };
+    let masks = start.folder.masks();
+    let part = masks.strip_prefix(start.folder.root())?;
+    let place = write(&found, scene, &mut writing, start.folder.root(), part)?;
+    print_notes(&[format!(
+        "{}. They are in {}: look at them. Edited or not, `--masks` takes that folder (or a copy) in another run",
+        summary(&found),
+        place.display()
+    )]);
+    Ok((writing, place.canonicalize().unwrap_or(place)))
+}
+
+/// The scene that the arguments name, with the masks of a folder where they were found.
+fn read_with(
+    args: &TrainArgs,
+    masks: Option<PathBuf>,
+    method: &dyn Method,
+    cancellation: &Cancellation,
+) -> Result<(Scene, serde_json::Value, ViewNames)> {
     let Some(path) = &args.scene else { bail!("no scene was given") };
     let mut reading = SceneReading::of_arguments(&args.reading);
+    reading.options.masks = masks.or(reading.options.masks);
     reading.options.hold_out_every = method.common().hold_out_every;
     let divide = |scene: &mut Scene| Ok(scene.hold_out(method.common().hold_out_every));
     let (scene, views, refined) = reading.read(path, divide, cancellation)?;

@@ -1,0 +1,36 @@
+//! Masks of photographs that have none, from all views at once.
+//!
+//! ```no_run
+//! use dvr_core::{Cancellation, Scene};
+//! use dvr_segmentation::segment;
+//!
+//! let scene = Scene::read("photos/teapot")?;
+//! let found = segment(&scene.views, &Cancellation::default(), &|_, _| ())?;
+//! for (view, mask) in scene.views.iter().zip(&found.masks) {
+//!     println!("{}: {} pixels show the object", view.name, mask.object_pixels());
+//! }
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! A picture alone does not say what in it is the object; all together do: what the cameras look at, what stands out of
+//! the plane it stands on, what has the object's colours, and what all views agree to be one volume (Campbell,
+//! Vogiatzis, Hernandez and Cipolla, *Automatic 3D object segmentation in multiple views using volumetric graph-cuts*,
+//! 2010).
+
+mod color_model;
+mod error;
+mod evidence;
+mod outline;
+mod parts;
+mod plane_sweep;
+mod segment;
+mod shrunk;
+mod support_plane;
+mod volume;
+
+pub use error::SegmentationError;
+pub use segment::{Segmentation, segment};
+pub use support_plane::SupportPlane;
+
+/// Half the edge of the cube that the object is looked for in, object units.
+const HALF: f32 = 0.5;

@@ -1,0 +1,243 @@
+//! The whole: from photographs to masks.
+
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use dvr_core::{Cancellation, Mask, Split, View, signed_distance, stored};
+use glam::Vec3;
+use image::{GrayImage, Luma, imageops};
+use rayon::prelude::*;
+
+use crate::HALF;
+use crate::color_model::{ColorCounts, ColorModel};
+use crate::error::SegmentationError;
+use crate::evidence::Evidence;
+use crate::outline::Edges;
+use crate::parts::join_parts;
+use crate::shrunk::Shrunk;
+use crate::support_plane::SupportPlane;
+use crate::volume::{Cube, Volume};
+
+/// Longer side of the pictures that are worked on, pixels.
+const WORKING_SIZE: u32 = 200;
+
+/// Longer side of the pictures in which outlines are drawn at last, pixels.
+const FINAL_SIZE: u32 = 800;
+
+/// Nodes along an edge of the volume, round by round.
+const NODES: [usize; 5] = [65, 65, 97, 97, 97];
+
+/// From this round on only the cube around what was found is looked at, with a margin of this share.
+const CLOSER: usize = 2;
+const MARGIN: f32 = 0.25;
+
+/// What a pixel's side of outline costs in plain colour; a pixel of a colour that is a hundred times as frequent in the
+/// background costs about four.
+const OUTLINE: f32 = 1.0;
+
+/// How much a pixel counts whose depth is known.
+const DEPTH: f32 = 3.0;
+
+/// What a pixel costs of which nothing is known: little, so that plain parts of the object go with what surrounds them.
+const UNKNOWN: f32 = 0.05;
+
+/// Most that the volume counts, and the distance to its outline from which it does, working pixels.
+const SHAPE: f32 = 1.5;
+const REACH: f32 = 6.0;
+
+/// What is further from the volume's outline than this many reaches is decided by it alone.
+const DECIDED: f32 = 2.0;
+
+/// Nearer to an outline than this, working pixels, depths say nothing, since windows see both sides; from there on, over
+/// that many pixels, more and more.
+const BLURRED: f32 = 2.0;
+const SHARPER: f32 = 4.0;
+
+/// How far from the outline background counts, working pixels, and how much all of it does.
+const RING: f32 = 15.0;
+const ALL: f32 = 0.1;
+
+/// What is closer to the support plane than this is not the object, object units.
+const LYING: f32 = 0.004;
+
+/// Steps of the solver: at first, in each round, and in the end.
+const STEPS: [usize; 3] = [400, 100, 60];
+
+/// Views that are needed.
+const LEAST_VIEWS: usize = 4;
+
+/// Masks that were found.
+#[derive(Clone, Debug)]
+pub struct Segmentation {
+    /// One mask for each view, as large as its picture.
+    pub masks: Vec<Mask>,
+    /// What the object stands on, where that was found, in the space of the views. It is not part of the object.
+    pub support: Option<SupportPlane>,
+}
+
+/// Finds the object in all views: what they agree about in the cube [-0.5, 0.5]^3 that all cameras look at. Views for testing
+/// have no say in it; their masks follow from what the others found.
+///
+/// `progress` is told how many parts of the work are done, and of how many.
+///
+/// Depths of pixels come from a plane sweep; the plane that the object stands on from them. Then, in turns: how
+/// frequent colours are in the object and around it; the outline in each picture that agrees best with colours, depths
+/// and volume and follows its edges; and the volume that the outlines of all views agree about.
+///
+/// # Errors
+/// [`SegmentationError`]: too few views, nothing that they agree about, or somebody wanted it to end.
+pub fn segment(
+    views: &[View],
+    cancellation: &Cancellation,
+    progress: &(dyn Fn(usize, usize) + Sync),
+) -> Result<Segmentation, SegmentationError> {
+    let asked: Vec<bool> = views.iter().map(|view| view.split != Split::Test).collect();
+    let found = asked.iter().filter(|&&asked| asked).count();
+    if found < LEAST_VIEWS {
+        return Err(SegmentationError::TooFewViews { found, least: LEAST_VIEWS });
+    }
+    // A view's part of a round is about a third of its depths.
+    let (parts, done) = ((NODES.len() + 4) * views.len(), AtomicUsize::new(0));
+    let advance = |parts_done: usize| progress(done.fetch_add(parts_done, Ordering::Relaxed) + parts_done, parts);
+    let small: Vec<Shrunk> = views.par_iter().map(|view| Shrunk::new(view, WORKING_SIZE)).collect();
+    let evidence = Evidence::of(&small, &asked, cancellation, &|| advance(3))?;
+    let mut work = Work::new(&small, &asked, evidence);
+    for nodes in NODES {
+        work.round(nodes, cancellation)?;
+        advance(views.len());
+    }
+    let masks = (0..views.len()).into_par_iter().map(|i| {
+        cancellation.check()?;
+        let mask = work.mask(i, &views[i]);
+        advance(1);
+        Ok(mask)
+    });
+    Ok(Segmentation { masks: masks.collect::<Result<_, SegmentationError>>()?, support: work.evidence.support })
+}
+
+/// What is known at a time.
+struct Work<'a> {
+    views: &'a [Shrunk],
+    asked: &'a [bool],
+    evidence: Evidence,
+    edges: Vec<Edges>,
+    /// Per view and pixel, from 0 to 1, how much it belongs to the object.
+    belongs: Vec<Vec<f32>>,
+    colors: Vec<ColorModel>,
+    volume: Option<Volume>,
+    rounds: usize,
+}
+
+impl<'a> Work<'a> {
+    /// By depths alone. Where they say nothing, a pixel goes with what surrounds it, up to the picture's edges.
+    fn new(views: &'a [Shrunk], asked: &'a [bool], evidence: Evidence) -> Self {
+        let edges: Vec<Edges> = views.par_iter().map(|view| Edges::new(view, OUTLINE)).collect();
+        let by_depth = |(edges, says): (&Edges, &Vec<f32>)| {
+            let price: Vec<f32> = says.iter().map(|says| UNKNOWN - DEPTH * says).collect();
+            edges.cut(&price, says.iter().map(|says| 0.5 + 0.5 * says).collect(), STEPS[0])
+        };
+        let belongs = edges.par_iter().zip(&evidence.says).map(by_depth).collect();
+        Self { views, asked, evidence, edges, belongs, colors: Vec::new(), volume: None, rounds: 0 }
+    }
+
+    /// Colours, outlines, volume.
+    fn round(&mut self, nodes: usize, cancellation: &Cancellation) -> Result<(), SegmentationError> {
+        cancellation.check()?;
+        let views = self.views;
+        // Distance of each pixel to the outline of the volume, where there is one.
+        let distances: Option<Vec<Vec<f32>>> = self
+            .volume
+            .as_ref()
+            .map(|volume| views.par_iter().map(|view| signed_distance(&volume.silhouette(view), view.width)).collect());
+        let distances = distances.as_ref();
+        self.learn_colors(distances);
+        cancellation.check()?;
+        let outline = |i: usize| {
+            let distance = distances.map(|distances| &distances[i]);
+            let price: Vec<f32> = (0..views[i].len())
+                .map(|pixel| {
+                    let color = self.colors[i].says(views[i].middle(pixel), views[i].colors[pixel]);
+                    -color - shape_and_depth(distance.map(|distance| distance[pixel]), self.evidence.says[i][pixel])
+                })
+                .collect();
+            let mut cut = self.edges[i].cut(&price, self.belongs[i].clone(), STEPS[1]);
+            if let Some(distance) = distance {
+                join_parts(&mut cut, |pixel| distance[pixel] > 0.0, views[i].width);
+            }
+            cut
+        };
+        self.belongs = (0..views.len()).into_par_iter().map(outline).collect();
+        cancellation.check()?;
+        let closer =
+            self.volume.as_ref().filter(|_| self.rounds >= CLOSER).and_then(|volume| volume.cube_around(MARGIN));
+        let cube = closer.unwrap_or(Cube { origin: Vec3::ZERO, half: HALF });
+        let support = self.evidence.support;
+        let is_allowed =
+            |point: Vec3| point.abs().max_element() < HALF && support.is_none_or(|plane| plane.distance(point) > LYING);
+        let asked: Vec<(&Shrunk, &[f32])> = (views.iter().zip(&self.belongs).zip(self.asked))
+            .filter_map(|((view, belongs), asked)| asked.then_some((view, belongs.as_slice())))
+            .collect();
+        let volume = Volume::agreed(&asked, cube, nodes, is_allowed, cancellation)?;
+        if volume.is_empty() {
+            return Err(SegmentationError::NothingFound);
+        }
+        self.volume = Some(volume);
+        self.rounds += 1;
+        Ok(())
+    }
+
+    /// Colour models by what belongs to the object now, and mostly of what is near it.
+    fn learn_colors(&mut self, distances: Option<&Vec<Vec<f32>>>) {
+        let views = self.views;
+        let near: Vec<Vec<f32>> = (0..views.len())
+            .map(|i| match distances {
+                Some(distances) => distances[i].iter().map(|d| ALL + (d.min(0.0) / RING).exp()).collect(),
+                None => vec![1.0; views[i].len()],
+            })
+            .collect();
+        let of_view = |i: usize| ColorCounts::of(&views[i], &self.belongs[i], &near[i]);
+        let counts: Vec<[ColorCounts; 2]> = (0..views.len()).into_par_iter().map(of_view).collect();
+        let mut all = [ColorCounts::none(), ColorCounts::none()];
+        for (counts, _) in counts.iter().zip(self.asked).filter(|(_, asked)| **asked) {
+            all.iter_mut().zip(counts).for_each(|(sum, counts)| sum.join(counts, 1.0));
+        }
+        let model = |i: usize| ColorModel::new(&views[i], &self.belongs[i], &near[i], &counts[i], &all);
+        self.colors = (0..views.len()).into_par_iter().map(model).collect();
+    }
+
+    /// The mask of a view, in finer pixels.
+    fn mask(&self, index: usize, view: &View) -> Mask {
+        let small = &self.views[index];
+        let fine = Shrunk::new(view, FINAL_SIZE);
+        let scale = fine.width as f32 / small.width as f32;
+        let covered = self.volume.as_ref().map_or_else(Vec::new, |volume| volume.silhouette(&fine));
+        let distance = signed_distance(&covered, fine.width);
+        let coarse = |pixel: usize| small.pixel_at(fine.middle(pixel) / scale);
+        let price: Vec<f32> = (0..fine.len())
+            .map(|pixel| {
+                let color = self.colors[index].says(fine.middle(pixel) / scale, fine.colors[pixel]);
+                let depth = coarse(pixel).map_or(0.0, |pixel| self.evidence.says[index][pixel]);
+                -color - shape_and_depth(Some(distance[pixel] / scale), depth)
+            })
+            .collect();
+        let start =
+            (0..fine.len()).map(|pixel| coarse(pixel).map_or(0.0, |pixel| self.belongs[index][pixel])).collect();
+        let mut belongs = Edges::new(&fine, OUTLINE * scale.max(1.0)).cut(&price, start, STEPS[2]);
+        join_parts(&mut belongs, |pixel| covered[pixel], fine.width);
+        let drawn = GrayImage::from_fn(fine.width as u32, fine.height as u32, |u, v| {
+            Luma([(255.0 * belongs[v as usize * fine.width + u as usize]).round() as u8])
+        });
+        let (width, height) = view.image.dimensions();
+        let full = imageops::resize(&drawn, width, height, imageops::FilterType::Triangle);
+        Mask { coverage: stored(full) }
+    }
+}
+
+/// What a pixel at this distance from the volume's outline, positive inside, is taken for because of it and of what its depth
+/// says; without a volume by depth alone. Working pixels.
+fn shape_and_depth(distance: Option<f32>, depth: f32) -> f32 {
+    let Some(distance) = distance else { return DEPTH * depth };
+    let trust = ((distance.abs() - BLURRED) / SHARPER).clamp(0.0, 1.0);
+    let reaches = distance / REACH;
+    let shape = if reaches.abs() > DECIDED { 10.0 * reaches.signum() } else { SHAPE * reaches.clamp(-1.0, 1.0) };
+    shape + trust * DEPTH * depth
+}

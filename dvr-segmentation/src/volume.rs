@@ -1,0 +1,180 @@
+//! The object as a volume that all pictures agree about.
+
+use dvr_core::voxel::{VoxelGrid, least_area};
+use dvr_core::{Cancellation, Cancelled};
+use glam::Vec3;
+use rayon::prelude::*;
+
+use crate::HALF;
+use crate::shrunk::Shrunk;
+
+/// The share of the views that may show background where the object is.
+const DISAGREEING: f32 = 0.08;
+
+/// By how much that share must be exceeded so that a node certainly is empty.
+const RANGE: f32 = 0.15;
+
+/// Views that must have a place in their frames.
+const MIN_SEEING: usize = 3;
+
+/// What a node costs that fewer see.
+const UNSEEN: f32 = 0.3;
+
+/// A part of the volume that does not hang together with the rest is kept from this share of its nodes on.
+const MIN_PART: f64 = 0.5;
+
+/// How fast a node counts less the further it is from the middle, in half edges of the cube.
+const NEAR_MIDDLE: f32 = 2.0;
+
+/// Nodes of a grid, solid or not.
+pub(crate) struct Volume {
+    grid: VoxelGrid,
+    /// The middle of the grid.
+    origin: Vec3,
+    solid: Vec<bool>,
+}
+
+/// A cube in object space that is divided into nodes.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Cube {
+    /// Its middle.
+    pub origin: Vec3,
+    /// Half its edge.
+    pub half: f32,
+}
+
+impl Volume {
+    /// What most views show as object, by how much each of their pixels belongs to it, and where `is_allowed`.
+    ///
+    /// # Errors
+    /// [`Cancelled`] where somebody wants it to end.
+    pub fn agreed(
+        views: &[(&Shrunk, &[f32])],
+        cube: Cube,
+        nodes: usize,
+        is_allowed: impl Fn(Vec3) -> bool + Sync,
+        cancellation: &Cancellation,
+    ) -> Result<Self, Cancelled> {
+        let grid = VoxelGrid::new(nodes, cube.half);
+        let position = |node: usize| cube.origin + grid.position(node);
+        let allowed: Vec<bool> = (0..grid.len()).into_par_iter().map(|node| is_allowed(position(node))).collect();
+        let price = |node: usize| {
+            if !allowed[node] {
+                return 1.0;
+            }
+            let point = position(node);
+            let (mut seeing, mut background) = (0usize, 0f32);
+            for (view, belongs) in views {
+                let (place, z) = view.camera.project(point);
+                if z > 0.0
+                    && let Some(pixel) = view.pixel_at(place)
+                {
+                    seeing += 1;
+                    background += 1.0 - belongs[pixel];
+                }
+            }
+            if seeing < MIN_SEEING {
+                return UNSEEN;
+            }
+            ((background / seeing as f32 - DISAGREEING) / RANGE).clamp(-1.0, 1.0)
+        };
+        let price: Vec<f32> = (0..grid.len()).into_par_iter().map(price).collect();
+        cancellation.check()?;
+        let solid = least_area(&grid, &price, &allowed, cancellation)?;
+        let mut volume = Self { grid, origin: cube.origin, solid };
+        volume.keep_main_part();
+        Ok(volume)
+    }
+
+    /// Drops what does not hang together with what is nearest to the middle and largest.
+    fn keep_main_part(&mut self) {
+        let grid = self.grid;
+        let last = grid.nodes() - 1;
+        let mut part_of = vec![u32::MAX; grid.len()];
+        let mut parts: Vec<(f64, usize)> = Vec::new();
+        for start in 0..grid.len() {
+            if !self.solid[start] || part_of[start] != u32::MAX {
+                continue;
+            }
+            let id = parts.len() as u32;
+            part_of[start] = id;
+            let mut part = vec![start];
+            let mut done = 0;
+            let mut weight = 0.0;
+            while done < part.len() {
+                let node = part[done];
+                done += 1;
+                let distance = (self.origin + grid.position(node)).length() / HALF;
+                weight += f64::from((-(NEAR_MIDDLE * distance).powi(2)).exp());
+                let at = grid.coordinates(node);
+                for side in 0..6 {
+                    let mut next = at;
+                    next[side / 2] = if side % 2 == 0 { next[side / 2].wrapping_sub(1) } else { next[side / 2] + 1 };
+                    if next[side / 2] > last {
+                        continue;
+                    }
+                    let next = grid.index(next);
+                    if self.solid[next] && part_of[next] == u32::MAX {
+                        part_of[next] = id;
+                        part.push(next);
+                    }
+                }
+            }
+            parts.push((weight, part.len()));
+        }
+        let Some(&(_, largest)) = parts.iter().max_by(|a, b| a.0.total_cmp(&b.0)) else { return };
+        for (node, solid) in self.solid.iter_mut().enumerate() {
+            *solid = *solid && parts[part_of[node] as usize].1 as f64 >= MIN_PART * largest as f64;
+        }
+    }
+
+    /// Whether nothing is solid.
+    pub fn is_empty(&self) -> bool {
+        !self.solid.contains(&true)
+    }
+
+    /// The cube around what is solid, with a margin of this share; `None` where nothing is.
+    pub fn cube_around(&self, margin: f32) -> Option<Cube> {
+        let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+        for node in (0..self.grid.len()).filter(|&node| self.solid[node]) {
+            let at = self.origin + self.grid.position(node);
+            (low, high) = (low.min(at), high.max(at));
+        }
+        let half = 0.5 * (high - low).max_element() + self.grid.spacing();
+        (low.x <= high.x).then(|| Cube { origin: 0.5 * (low + high), half: (1.0 + margin) * half })
+    }
+
+    /// Which pixels of a view show the volume.
+    pub fn silhouette(&self, view: &Shrunk) -> Vec<bool> {
+        let grid = &self.grid;
+        let last = grid.nodes() - 1;
+        let strides = [1, grid.nodes(), grid.nodes().pow(2)];
+        let is_surface = |node: usize| {
+            let at = grid.coordinates(node);
+            (0..3).any(|axis| {
+                at[axis] == 0
+                    || at[axis] == last
+                    || !self.solid[node - strides[axis]]
+                    || !self.solid[node + strides[axis]]
+            })
+        };
+        let mut shown = vec![false; view.len()];
+        for node in (0..grid.len()).filter(|&node| self.solid[node] && is_surface(node)) {
+            let (place, z) = view.camera.project(self.origin + grid.position(node));
+            if z <= 0.0 {
+                continue;
+            }
+            let half = 0.5 * grid.spacing() * view.camera.focal / z;
+            let range = |center: f32, side: usize| {
+                let low = (center - half).clamp(0.0, side as f32) as usize;
+                low..((center + half).clamp(-1.0, side as f32 - 1.0).floor() + 1.0) as usize
+            };
+            for v in range(place.y, view.height) {
+                for u in range(place.x, view.width) {
+                    shown[v * view.width + u] = true;
+                }
+            }
+        }
+        shown
+    }
+}
