@@ -59,11 +59,48 @@ fn a_plain_background_makes_the_masks() {
     let tiny = Tiny::new();
     std::fs::remove_dir_all(tiny.scene().join("mask")).unwrap();
     let (scene, out) = (tiny.scene(), tiny.path("refused"));
-    refuses(&dvr(&["train", text(&scene), "--out", text(&out)]), &["mask", "--background"]);
+    refuses(&dvr(&["train", text(&scene), "--out", text(&out), "--masks", "given"]), &["mask", "--background"]);
     assert!(!out.join("config.json").exists(), "nothing half-written");
     let (run, _) = train(&tiny, "run", &["--background", "white", "--steps", "20", "--capacity", "32"]);
     let iou = tiny.volume_iou(&run.join("mesh.ply"));
     assert!(iou > 0.8, "{iou}");
+}
+
+#[test]
+fn masks_of_another_folder_are_taken_by_the_names_of_views_and_again_for_the_figures() {
+    let tiny = Tiny::new();
+    let masks = tiny.path("my-masks");
+    std::fs::rename(tiny.scene().join("mask"), &masks).unwrap();
+    let (run, _) = train(&tiny, "run", &["--method", "hull", "--masks", text(&masks)]);
+    let iou = tiny.volume_iou(&run.join("mesh.ply"));
+    assert!(iou > 0.8, "{iou}");
+    assert!(succeeds(&dvr(&["eval", text(&run)])).contains("mean"));
+    let (scene, out) = (tiny.scene(), tiny.path("refused"));
+    let missing = tiny.path("nowhere");
+    refuses(&dvr(&["train", text(&scene), "--out", text(&out), "--masks", text(&missing)]), &["nowhere"]);
+    assert!(!out.exists(), "nothing half-written");
+}
+
+#[test]
+fn masks_that_no_view_has_are_found_and_kept_with_the_run() {
+    let tiny = Tiny::rendered(shapes::torus(1.0, 0.45, 32, 16), 12, 64);
+    std::fs::remove_dir_all(tiny.scene().join("mask")).unwrap();
+    let (run, _) = train(&tiny, "run", &["--method", "hull"]);
+    assert_eq!(run.join("masks").read_dir().unwrap().count(), 12);
+    let iou = tiny.volume_iou(&run.join("mesh.ply"));
+    assert!(iou > 0.6, "{iou}");
+    // A run that was moved has its masks with it.
+    let moved = tiny.path("moved");
+    std::fs::rename(&run, &moved).unwrap();
+    assert!(succeeds(&dvr(&["eval", text(&moved)])).contains("mean"));
+    let found = tiny.path("found");
+    let scene = tiny.scene();
+    succeeds(&dvr(&["masks", text(&scene), "--out", text(&found)]));
+    refuses(&dvr(&["masks", text(&scene), "--out", text(&found)]), &["found", "--overwrite"]);
+    for i in 0..12 {
+        let name = format!("{i:04}.png");
+        assert_eq!(std::fs::read(found.join(&name)).unwrap(), std::fs::read(moved.join("masks").join(&name)).unwrap());
+    }
 }
 
 #[test]
