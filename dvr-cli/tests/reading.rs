@@ -83,10 +83,10 @@ fn masks_of_another_folder_are_taken_by_the_names_of_views_and_again_for_the_fig
 
 #[test]
 fn masks_that_no_view_has_are_found_and_kept_with_the_run() {
-    let tiny = Tiny::rendered(shapes::torus(1.0, 0.45, 32, 16), 12, 64);
+    let tiny = Tiny::rendered(shapes::icosphere(4, 1.0), 16, 64);
     std::fs::remove_dir_all(tiny.scene().join("mask")).unwrap();
     let (run, _) = train(&tiny, "run", &["--method", "hull"]);
-    assert_eq!(run.join("masks").read_dir().unwrap().count(), 12);
+    assert_eq!(run.join("masks").read_dir().unwrap().count(), 16);
     let iou = tiny.volume_iou(&run.join("mesh.ply"));
     assert!(iou > 0.6, "{iou}");
     // A run that was moved has its masks with it.
@@ -97,7 +97,7 @@ fn masks_that_no_view_has_are_found_and_kept_with_the_run() {
     let scene = tiny.scene();
     succeeds(&dvr(&["masks", text(&scene), "--out", text(&found)]));
     refuses(&dvr(&["masks", text(&scene), "--out", text(&found)]), &["found", "--overwrite"]);
-    for i in 0..12 {
+    for i in 0..16 {
         let name = format!("{i:04}.png");
         assert_eq!(std::fs::read(found.join(&name)).unwrap(), std::fs::read(moved.join("masks").join(&name)).unwrap());
     }

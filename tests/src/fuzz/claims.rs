@@ -187,7 +187,7 @@ fn matlab_arrays() -> Vec<(&'static str, Vec<u8>)> {
     vec![
         ("256 MB of truth values", inflating(2, [256, 1024, 1024], 256 << 20)),
         ("256 MB of doubles", inflating(9, [32, 1024, 1024], 256 << 20)),
-        ("640 MB of truth values", inflating(2, [640, 1024, 1024], 640 << 20)),
+        ("512 MB of truth values", inflating(2, [512, 1024, 1024], 512 << 20)),
         ("small numbers to be widened", inflating(3, [64, 1024, 1024], 128 << 20)),
         ("more than can be counted", claiming(&[u32::MAX; 4])),
         ("a million axes", claiming(&vec![1; 1 << 20])),
