@@ -1,5 +1,7 @@
 //! Connected parts of a picture.
 
+use dvr_core::flood;
+
 /// What most of a part's pixels must agree with.
 const MOST: f64 = 0.5;
 
@@ -7,32 +9,20 @@ const MOST: f64 = 0.5;
 /// enclosed holes that the volume covers for the most part: highlights, and what has the object's colours by chance.
 /// `belongs` is from 0 to 1, `covered` where the volume is shown.
 pub(crate) fn join_parts(belongs: &mut [f32], covered: impl Fn(usize) -> bool, width: usize) {
+    let len = belongs.len();
+    let beside = |pixel: usize| neighbours(pixel, width, len).into_iter().flatten();
     for is_object in [true, false] {
-        let mut reached = vec![false; belongs.len()];
-        for start in 0..belongs.len() {
-            if reached[start] || (belongs[start] >= 0.5) != is_object {
+        let mut left: Vec<bool> = belongs.iter().map(|&belongs| (belongs >= 0.5) == is_object).collect();
+        for start in 0..len {
+            if !left[start] {
                 continue;
             }
-            reached[start] = true;
-            let mut part = vec![start];
-            let (mut done, mut shown, mut is_open) = (0, 0, false);
-            while done < part.len() {
-                let pixel = part[done];
-                done += 1;
-                shown += usize::from(covered(pixel));
-                let around = neighbours(pixel, width, belongs.len());
-                is_open |= around.iter().any(Option::is_none);
-                for next in around.into_iter().flatten() {
-                    if !reached[next] && (belongs[next] >= 0.5) == is_object {
-                        reached[next] = true;
-                        part.push(next);
-                    }
-                }
-            }
-            let share = shown as f64 / part.len() as f64;
-            if is_object && share < MOST {
+            let part = flood(start, &mut left, beside);
+            let shown = part.iter().filter(|&&pixel| covered(pixel)).count() as f64;
+            let is_open = || part.iter().any(|&pixel| neighbours(pixel, width, len).iter().any(Option::is_none));
+            if is_object && shown < MOST * part.len() as f64 {
                 part.into_iter().for_each(|pixel| belongs[pixel] = 0.0);
-            } else if !is_object && !is_open && share > MOST {
+            } else if !is_object && shown > MOST * part.len() as f64 && !is_open() {
                 part.into_iter().for_each(|pixel| belongs[pixel] = 1.0);
             }
         }

@@ -1,7 +1,7 @@
 //! The object as a volume that all pictures agree about.
 
 use dvr_core::voxel::{VoxelGrid, least_area};
-use dvr_core::{Cancellation, Cancelled};
+use dvr_core::{Cancellation, Cancelled, flood};
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -20,7 +20,7 @@ const MIN_SEEING: usize = 3;
 /// What a node costs that fewer see.
 const UNSEEN: f32 = 0.3;
 
-/// A part of the volume that does not hang together with the rest is kept from this share of its nodes on.
+/// A part that does not hang together with the main one is kept from this share of its nodes on.
 const MIN_PART: f64 = 0.5;
 
 /// How fast a node counts less the further it is from the middle, in half edges of the cube.
@@ -82,49 +82,39 @@ impl Volume {
         cancellation.check()?;
         let solid = least_area(&grid, &price, &allowed, cancellation)?;
         let mut volume = Self { grid, origin: cube.origin, solid };
-        volume.keep_main_part();
+        volume.keep_main_parts();
         Ok(volume)
     }
 
-    /// Drops what does not hang together with what is nearest to the middle and largest.
-    fn keep_main_part(&mut self) {
+    /// Keeps the part that is largest where it is near the middle, and those that are not much smaller.
+    fn keep_main_parts(&mut self) {
         let grid = self.grid;
         let last = grid.nodes() - 1;
-        let mut part_of = vec![u32::MAX; grid.len()];
-        let mut parts: Vec<(f64, usize)> = Vec::new();
+        let beside = |node: usize| {
+            let at = grid.coordinates(node);
+            (0..6).filter_map(move |side| {
+                let mut next = at;
+                let axis = side / 2;
+                next[axis] = if side % 2 == 0 { at[axis].checked_sub(1)? } else { at[axis] + 1 };
+                (next[axis] <= last).then(|| grid.index(next))
+            })
+        };
+        let weight = |&node: &usize| {
+            let distance = (self.origin + grid.position(node)).length() / HALF;
+            f64::from((-(NEAR_MIDDLE * distance).powi(2)).exp())
+        };
+        let mut left = self.solid.clone();
+        let mut parts: Vec<Vec<usize>> = Vec::new();
         for start in 0..grid.len() {
-            if !self.solid[start] || part_of[start] != u32::MAX {
-                continue;
+            if left[start] {
+                parts.push(flood(start, &mut left, beside));
             }
-            let id = parts.len() as u32;
-            part_of[start] = id;
-            let mut part = vec![start];
-            let mut done = 0;
-            let mut weight = 0.0;
-            while done < part.len() {
-                let node = part[done];
-                done += 1;
-                let distance = (self.origin + grid.position(node)).length() / HALF;
-                weight += f64::from((-(NEAR_MIDDLE * distance).powi(2)).exp());
-                let at = grid.coordinates(node);
-                for side in 0..6 {
-                    let mut next = at;
-                    next[side / 2] = if side % 2 == 0 { next[side / 2].wrapping_sub(1) } else { next[side / 2] + 1 };
-                    if next[side / 2] > last {
-                        continue;
-                    }
-                    let next = grid.index(next);
-                    if self.solid[next] && part_of[next] == u32::MAX {
-                        part_of[next] = id;
-                        part.push(next);
-                    }
-                }
-            }
-            parts.push((weight, part.len()));
         }
-        let Some(&(_, largest)) = parts.iter().max_by(|a, b| a.0.total_cmp(&b.0)) else { return };
-        for (node, solid) in self.solid.iter_mut().enumerate() {
-            *solid = *solid && parts[part_of[node] as usize].1 as f64 >= MIN_PART * largest as f64;
+        let weights: Vec<f64> = parts.iter().map(|part| part.iter().map(weight).sum()).collect();
+        let Some(main) = (0..parts.len()).max_by(|&a, &b| weights[a].total_cmp(&weights[b])) else { return };
+        let least = MIN_PART * parts[main].len() as f64;
+        for part in parts.iter().filter(|part| (part.len() as f64) < least) {
+            part.iter().for_each(|&node| self.solid[node] = false);
         }
     }
 

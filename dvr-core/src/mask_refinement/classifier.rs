@@ -4,7 +4,8 @@ use std::collections::BTreeSet;
 
 use glam::Vec3;
 
-use super::regions::{REACH, flood};
+use super::regions::REACH;
+use crate::flood::flood;
 
 /// Colours of the claimed kind that are compared, at most.
 const COLORS: usize = 1024;

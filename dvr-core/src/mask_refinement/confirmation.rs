@@ -2,8 +2,8 @@
 
 use glam::DVec3;
 
-use super::regions::flood;
 use crate::camera::Camera;
+use crate::flood::flood;
 use crate::raster::Mask;
 use crate::ray::UnitCube;
 use crate::scene::{Split, View};

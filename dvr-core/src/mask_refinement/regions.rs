@@ -1,22 +1,9 @@
 //! Regions of pixels in an image of flags, row by row.
 
+use crate::flood::flood;
+
 /// How far from the outline, in pixels, a mask may be wrong; what is farther away gives the colours of its kind.
 pub(super) const REACH: usize = 6;
-
-/// Takes the region of `left` that is connected to `start` by `beside` out of it: the indices of its pixels.
-pub(super) fn flood<I: Iterator<Item = usize>>(
-    start: usize,
-    left: &mut [bool],
-    beside: impl Fn(usize) -> I,
-) -> Vec<usize> {
-    left[start] = false;
-    let (mut region, mut next) = (vec![start], 0);
-    while let Some(&pixel) = region.get(next) {
-        next += 1;
-        region.extend(beside(pixel).filter(|&pixel| std::mem::take(&mut left[pixel])));
-    }
-    region
-}
 
 /// Regions of what is not set that do not reach the frame, as their pixels; they are connected by edges.
 pub(super) fn enclosed_regions(set: &[bool], [width, height]: [usize; 2]) -> Vec<Vec<usize>> {
