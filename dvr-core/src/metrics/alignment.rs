@@ -22,6 +22,12 @@ const SETTLED: f64 = 1e-7;
 /// Damping, as a share of the largest entry on the diagonal: a ball can be turned without coming nearer.
 const DAMPING: f64 = 1e-9;
 
+/// Points that are summed up one after another.
+const CHUNK: usize = 1024;
+
+/// Matrix and right-hand side of the normal equation.
+type Normal = (SMatrix<f64, 7, 7>, SVector<f64, 7>);
+
 /// The similarity that brings points of a surface nearest to the true surface: iterated closest points with the
 /// distance to the tangent plane (Chen and Medioni 1992), from where the points lie. It is meant for small
 /// displacements. Points that are `reach` or more away from the true surface have no say.
@@ -39,25 +45,27 @@ pub fn align_to_surface(points: &PointCloud, truth: &PointCloud, reach: f64) -> 
     let start: Vec<DVec3> = points.points.iter().map(|point| point.as_dvec3()).collect();
     let mut alignment = Similarity::default();
     for _ in 0..ROUNDS {
-        let (matrix, vector) = start
-            .par_iter()
-            .map(|&point| {
-                let point = alignment.transform_point(point);
-                let found = tree.query(&point.to_array()).nearest_one::<SquaredEuclidean<f64>>().execute();
-                if found.distance >= reach * reach {
-                    return (SMatrix::zeros(), SVector::zeros());
-                }
-                let nearest = found.item as usize;
-                let normal = normals[nearest].as_dvec3();
-                let distance = normal.dot(point - DVec3::from(positions[nearest]));
-                // By a small turn, shift and growth of the point about the origin.
-                let (turn, growth) = (point.cross(normal), point.dot(normal));
-                let row = SVector::<f64, 7>::from_column_slice(&[
-                    turn.x, turn.y, turn.z, normal.x, normal.y, normal.z, growth,
-                ]);
-                (row * row.transpose(), row * -distance)
-            })
-            .reduce(|| (SMatrix::<f64, 7, 7>::zeros(), SVector::zeros()), |a, b| (a.0 + b.0, a.1 + b.1));
+        let normal_equation = |&point: &DVec3| {
+            let point = alignment.transform_point(point);
+            let found = tree.query(&point.to_array()).nearest_one::<SquaredEuclidean<f64>>().execute();
+            if found.distance >= reach * reach {
+                return (SMatrix::zeros(), SVector::zeros());
+            }
+            let nearest = found.item as usize;
+            let normal = normals[nearest].as_dvec3();
+            let distance = normal.dot(point - DVec3::from(positions[nearest]));
+            // By a small turn, shift and growth of the point about the origin.
+            let (turn, growth) = (point.cross(normal), point.dot(normal));
+            let row =
+                SVector::<f64, 7>::from_column_slice(&[turn.x, turn.y, turn.z, normal.x, normal.y, normal.z, growth]);
+            (row * row.transpose(), row * -distance)
+        };
+        let none = (SMatrix::<f64, 7, 7>::zeros(), SVector::<f64, 7>::zeros());
+        let sum = |a: Normal, b: Normal| (a.0 + b.0, a.1 + b.1);
+        // In an order that does not depend on the threads.
+        let parts: Vec<Normal> =
+            start.par_chunks(CHUNK).map(|chunk| chunk.iter().map(normal_equation).fold(none, sum)).collect();
+        let (matrix, vector) = parts.into_iter().fold(none, sum);
         let damping = DAMPING * matrix.diagonal().max();
         let Some(step) = (matrix + SMatrix::identity() * damping).cholesky().map(|c| c.solve(&vector)) else { break };
         let step = Similarity {
