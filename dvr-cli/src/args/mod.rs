@@ -60,7 +60,7 @@ const VERSION: &str = concat!(env!("CARGO_PKG_VERSION"), " (", env!("DVR_COMMIT"
 
 const LONG_ABOUT: &str = "Textured meshes from posed photographs, by differentiable volumetric rendering.
 
-dvr reconstructs an object from photographs with masks; cameras that are not known are found by COLMAP. It trains an occupancy and colour field whose \
+dvr reconstructs an object from photographs; cameras that are not known are found by COLMAP, masks from all views together. It trains an occupancy and colour field whose \
 rendered depth has an exact, analytic gradient, and extracts a mesh. Check a scene with `dvr info SCENE`; `dvr train SCENE \
 --out RUN` then trains, and writes the mesh (PLY, and GLB with a texture), a preview sheet, metrics and a report.";
 

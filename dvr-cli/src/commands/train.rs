@@ -150,7 +150,7 @@ fn read(
     read_with(args, None, method, cancellation)
 }
 
-/// Finds the masks of a scene that has none and writes them into the run's folder, which is taken earlier for it.
+/// Finds the masks of a scene that has none, and takes the run's folder to write them into it.
 fn found_masks(
     scene: &Scene,
     start: &mut RunStart,
@@ -158,20 +158,15 @@ fn found_masks(
     cancellation: &Cancellation,
 ) -> Result<(OutputFolder, PathBuf)> {
     eprintln!("{}: no view has a mask; the object is found from all views together", scene.name);
+    // Before the folder is taken: a run that is to be replaced stays where nothing is found.
+    let found = find(scene, cancellation)?;
     let mut writing = start.prepare(method)?;
-    let found = match find(scene, cancellation) {
-        Ok(found) => found,
-        // Nothing is left of a run that has not begun.
-        Err(error) => {
-            writing.remove()?;
-            return Err(error);
-        }
-    };
     let masks = start.folder.masks();
     let part = masks.strip_prefix(start.folder.root())?;
     let place = write(&found, scene, &mut writing, start.folder.root(), part)?;
     print_notes(&[format!(
-        "{}. They are in {}: look at them. Edited or not, `--masks` takes that folder (or a copy) in another run",
+        "{}. They are in {}: look at them. Edited or not, `--masks` takes that folder (or a copy) in another run. Figures of \
+         silhouettes are against them",
         summary(&found),
         place.display()
     )]);
