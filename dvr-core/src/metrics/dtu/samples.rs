@@ -18,7 +18,8 @@ const MOST_SAMPLES: f64 = 1e8;
 pub(super) fn surface_points(mesh: &Mesh) -> Result<Vec<DVec3>> {
     let lattices = (0..mesh.faces.len()).into_par_iter().filter_map(|face| Lattice::new(mesh.triangle(face)));
     let count: f64 = lattices.clone().map(|lattice| 0.5 * lattice.cells[0] * lattice.cells[1]).sum();
-    if !(mesh.vertices.len() as f64 + count <= MOST_SAMPLES) {
+    let samples = mesh.vertices.len() as f64 + count;
+    if samples > MOST_SAMPLES || samples.is_nan() {
         let problem = "has more area than 4 square metres: its coordinates must be in millimetres";
         return Err(ComparisonError::Surface { which: "predicted", problem }.into());
     }
