@@ -33,7 +33,7 @@ fn shown(origin: DVec3, direction: DVec3, table: impl Fn(DVec3) -> [f64; 3]) -> 
 /// Photographs from two rings, and the masks that are right.
 fn scene(table: impl Fn(DVec3) -> [f64; 3] + Copy) -> (Vec<View>, Vec<Mask>) {
     let of_view = |i: u32| {
-        let (turn, height) = (f64::from(i) / 24.0 * std::f64::consts::TAU, if i % 2 == 0 { 0.5 } else { 0.9 });
+        let (turn, height) = (f64::from(i) / 24.0 * std::f64::consts::TAU, if i.is_multiple_of(2) { 0.5 } else { 0.9 });
         let eye = DVec3::new(1.2 * turn.cos(), 1.2 * turn.sin(), height);
         let camera = Camera::look_at(SIDE, SIDE, 1.6 * f64::from(SIDE), eye, DVec3::ZERO, DVec3::Z);
         let sample = |u: u32, v: u32| {

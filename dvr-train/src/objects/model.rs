@@ -91,8 +91,8 @@ pub(crate) fn with_surface_at(mut model: ImageModel, logit: f64) -> ImageModel {
         model.decoder.fc_out.bias = model.decoder.fc_out.bias.map(|bias| {
             bias.map(|bias| {
                 // Channel 0 is the occupancy.
-                let rest = bias.clone().slice([1..4]);
-                Tensor::cat(vec![bias.slice([0..1]) - logit, rest], 0)
+                let rest = bias.clone().narrow(0, 1, 3);
+                Tensor::cat(vec![bias.narrow(0, 0, 1) - logit, rest], 0)
             })
         });
     }
