@@ -57,7 +57,9 @@ fn a_glb_is_aligned_linear_and_bounded() {
     let word = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()) as usize;
     assert_eq!((word(8), bytes.len() % 4, word(12) % 4), (bytes.len(), 0, 0));
     let json: serde_json::Value = serde_json::from_slice(&bytes[20..20 + word(12)]).unwrap();
-    assert_eq!(json["asset"]["generator"], "dvr");
+    assert_eq!(json["asset"]["generator"], concat!("dvr ", env!("CARGO_PKG_VERSION")));
+    assert_eq!([&json["nodes"][0]["name"], &json["meshes"][0]["name"]], ["grey", "grey"]);
+    assert_eq!(json["materials"][0]["name"], "vertex_colors");
     assert_eq!(json["accessors"][0]["max"], serde_json::json!([1.0, 1.0, 0.0]));
     let color = json["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"].as_u64().unwrap() as usize;
     let view = &json["bufferViews"][json["accessors"][color]["bufferView"].as_u64().unwrap() as usize];

@@ -68,6 +68,8 @@ fn the_look_says_whether_viewers_light_the_colours() {
     assert_eq!(baked["extensionsUsed"], serde_json::json!(["KHR_materials_unlit"]));
     assert!(baked["materials"][0]["extensions"]["KHR_materials_unlit"].is_object());
     assert_eq!(baked["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"]["index"], 0);
+    assert_eq!([&baked["nodes"][0]["name"], &baked["meshes"][0]["name"]], ["look", "look"]);
+    assert_eq!([&baked["materials"][0]["name"], &baked["images"][0]["name"]], ["textured", "base_color"]);
     // The picture's view has no target, and every view begins at a multiple of four.
     let picture = baked["images"][0]["bufferView"].as_u64().unwrap() as usize;
     assert!(baked["bufferViews"][picture].get("target").is_none());

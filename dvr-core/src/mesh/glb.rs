@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 use super::glb_buffer::{GlbBuffer, container};
 use super::triangle_mesh::Mesh;
 use super::uv_vertices::UvVertices;
-use super::write_textured::{Look, StoredTexture};
+use super::write_textured::{Look, StoredTexture, TEXTURED};
 use crate::srgb::srgb_to_linear;
 
 /// The mesh as a GLB with one rough, two-sided material; vertex colours are stored linear, as glTF defines `COLOR_0`.
@@ -15,19 +15,19 @@ use crate::srgb::srgb_to_linear;
 /// views is a float as well: unsigned integers of 32 bits are for indices alone, and shorter ones would break the
 /// alignment to four bytes.
 ///
-/// A mesh without faces gives a valid file without a scene.
-pub(super) fn encode(mesh: &Mesh) -> Vec<u8> {
+/// Node and mesh get `name`, by which other programs show them. A mesh without faces gives a valid file without a scene.
+pub(super) fn encode(mesh: &Mesh, name: &str) -> Vec<u8> {
     let mut file = GlbBuffer::default();
     if mesh.is_empty() {
         return container(root().to_string().into_bytes(), file.bytes);
     }
     let attributes = attributes(&mut file, mesh);
-    finished(file, mesh, attributes, rough_material(), root())
+    finished(file, mesh, name, attributes, rough_material(VERTEX_COLORS), root())
 }
 
 /// A mesh with one texture as a GLB: vertices as [`UvVertices`] has them, the picture inside the file as it is given.
 /// [`Look::Baked`] adds `KHR_materials_unlit`: what photographs show is lit already.
-pub(super) fn encode_textured(split: &UvVertices, texture: &StoredTexture, look: Look) -> Vec<u8> {
+pub(super) fn encode_textured(split: &UvVertices, texture: &StoredTexture, look: Look, name: &str) -> Vec<u8> {
     let mut file = GlbBuffer::default();
     let mut root = root();
     let mut attributes = attributes(&mut file, &split.mesh);
@@ -37,14 +37,20 @@ pub(super) fn encode_textured(split: &UvVertices, texture: &StoredTexture, look:
     root["samplers"] =
         json!([{ "magFilter": LINEAR, "minFilter": LINEAR_MIPMAP_LINEAR, "wrapS": CLAMP, "wrapT": CLAMP }]);
     root["textures"] = json!([{ "source": 0, "sampler": 0 }]);
-    let mut material = rough_material();
+    let mut material = rough_material(TEXTURED);
     material["pbrMetallicRoughness"]["baseColorTexture"] = json!({ "index": 0 });
     if look == Look::Baked {
         material["extensions"] = json!({ "KHR_materials_unlit": {} });
         root["extensionsUsed"] = json!(["KHR_materials_unlit"]);
     }
-    finished(file, &split.mesh, attributes, material, root)
+    finished(file, &split.mesh, name, attributes, material, root)
 }
+
+/// What made the file (section 3.2).
+const GENERATOR: &str = concat!("dvr ", env!("CARGO_PKG_VERSION"));
+
+/// The material of a mesh with colours in its vertices.
+const VERTEX_COLORS: &str = "vertex_colors";
 
 // Names of the specification's numbers (section 5.26).
 const LINEAR: u32 = 9729;
@@ -52,11 +58,12 @@ const LINEAR_MIPMAP_LINEAR: u32 = 9987;
 const CLAMP: u32 = 33071;
 
 fn root() -> Value {
-    json!({ "asset": { "version": "2.0", "generator": "dvr" } })
+    json!({ "asset": { "version": "2.0", "generator": GENERATOR } })
 }
 
-fn rough_material() -> Value {
-    json!({ "doubleSided": true, "pbrMetallicRoughness": { "metallicFactor": 0.0, "roughnessFactor": 1.0 } })
+fn rough_material(name: &str) -> Value {
+    let rough = json!({ "metallicFactor": 0.0, "roughnessFactor": 1.0 });
+    json!({ "name": name, "doubleSided": true, "pbrMetallicRoughness": rough })
 }
 
 /// What is known per vertex.
@@ -81,12 +88,20 @@ fn attributes(file: &mut GlbBuffer, mesh: &Mesh) -> Value {
 }
 
 /// The file of one mesh with one material.
-fn finished(mut file: GlbBuffer, mesh: &Mesh, attributes: Value, material: Value, mut root: Value) -> Vec<u8> {
+fn finished(
+    mut file: GlbBuffer,
+    mesh: &Mesh,
+    name: &str,
+    attributes: Value,
+    material: Value,
+    mut root: Value,
+) -> Vec<u8> {
     let indices = file.indices(&mesh.faces);
     root["scene"] = 0.into();
     root["scenes"] = json!([{ "nodes": [0] }]);
-    root["nodes"] = json!([{ "mesh": 0 }]);
-    root["meshes"] = json!([{ "primitives": [{ "attributes": attributes, "indices": indices, "material": 0 }] }]);
+    root["nodes"] = json!([{ "mesh": 0, "name": name }]);
+    let primitive = json!({ "attributes": attributes, "indices": indices, "material": 0 });
+    root["meshes"] = json!([{ "name": name, "primitives": [primitive] }]);
     root["materials"] = json!([material]);
     root["accessors"] = file.accessors.into();
     root["bufferViews"] = file.views.into();

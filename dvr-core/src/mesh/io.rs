@@ -54,7 +54,7 @@ pub fn write_mesh(path: impl AsRef<Path>, mesh: &Mesh) -> crate::Result<()> {
     let bytes = match extension(path).as_str() {
         "obj" => obj::encode(mesh),
         "ply" => ply::encode(mesh),
-        "glb" => glb::encode(mesh),
+        "glb" => glb::encode(mesh, &stem(path)),
         other => return Err(unknown_format(path, other, "OBJ, PLY or GLB")),
     };
     write_bytes_atomically(path, &bytes)
@@ -62,6 +62,11 @@ pub fn write_mesh(path: impl AsRef<Path>, mesh: &Mesh) -> crate::Result<()> {
 
 pub(super) fn extension(path: &Path) -> String {
     path.extension().unwrap_or_default().to_string_lossy().to_lowercase()
+}
+
+/// The name of the file without its extension, which names the mesh inside.
+pub(super) fn stem(path: &Path) -> String {
+    path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
 }
 
 pub(super) fn unknown_format(path: &Path, extension: &str, known: &str) -> Error {

@@ -5,7 +5,7 @@ use std::path::Path;
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageEncoder, RgbImage};
 
-use super::io::{extension, unknown_format, write_mesh};
+use super::io::{extension, stem, unknown_format, write_mesh};
 use super::textured_mesh::TexturedMesh;
 use super::uv_vertices::UvVertices;
 use super::{glb, obj};
@@ -56,19 +56,19 @@ pub fn write_textured_mesh(path: impl AsRef<Path>, textured: &TexturedMesh, look
     });
     if extension(path) == "glb" {
         let texture = StoredTexture { bytes: jpeg(path, &picture)?, mime_type: "image/jpeg" };
-        return write_bytes_atomically(path, &glb::encode_textured(&split, &texture, look));
+        return write_bytes_atomically(path, &glb::encode_textured(&split, &texture, look, &stem(path)));
     }
     let (library, texture) = (path.with_extension("mtl"), path.with_extension("png"));
     write_rgb_png(&texture, &picture)?;
     let illumination = if look == Look::Baked { 0 } else { 1 };
     let material =
-        format!("# dvr\nnewmtl {MATERIAL}\nKd 1 1 1\nillum {illumination}\nmap_Kd {}\n", file_name(&texture));
+        format!("# dvr\nnewmtl {TEXTURED}\nKd 1 1 1\nillum {illumination}\nmap_Kd {}\n", file_name(&texture));
     write_bytes_atomically(&library, material.as_bytes())?;
-    write_bytes_atomically(path, &obj::encode_textured(&textured.mesh, &split, &file_name(&library), MATERIAL))
+    write_bytes_atomically(path, &obj::encode_textured(&textured.mesh, &split, &file_name(&library), TEXTURED))
 }
 
-/// The one material of an OBJ.
-const MATERIAL: &str = "textured";
+/// The one material of a mesh with a texture.
+pub(super) const TEXTURED: &str = "textured";
 
 fn file_name(path: &Path) -> String {
     path.file_name().unwrap_or_default().to_string_lossy().into_owned()
