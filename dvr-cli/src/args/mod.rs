@@ -82,7 +82,7 @@ pub enum Command {
     /// Make a surface of a dense cloud of points with normals, by screened Poisson reconstruction with COLMAP
     #[command(name = "points2mesh")]
     Points2Mesh(Points2MeshArgs),
-    /// Render a run: the dataset's views, or an orbit with a turntable animation
+    /// Render a run or a mesh: the dataset's views, or an orbit with a turntable animation
     Render(RenderArgs),
     /// Evaluate a run or a mesh: shape against ground truth, verified points or a DTU scan, renders against test views
     Eval(EvalArgs),

@@ -12,15 +12,16 @@ use super::values::within;
 pub enum Cameras {
     /// A full turn around the object
     Orbit,
-    /// The views of the scene that the run was trained on
+    /// The views of the scene that the run was trained on, for a mesh those of --data
     Dataset,
 }
 
 /// Arguments of `dvr render`.
 #[derive(Args, Debug)]
 pub struct RenderArgs {
-    /// Folder of a run, or one of its checkpoints
-    pub run: PathBuf,
+    /// Folder of a run, one of its checkpoints, or a mesh with its texture (GLB, glTF, OBJ, PLY, OFF)
+    #[arg(value_name = "RUN")]
+    pub subject: PathBuf,
     /// Folder for the images
     #[arg(long, short, value_name = "DIR")]
     pub out: PathBuf,
@@ -42,7 +43,7 @@ pub struct RenderArgs {
     /// Elevation of the orbit's cameras, degrees [-90 to 90]
     #[arg(long, default_value_t = 20.0, value_parser = within(-90.0, 90.0), allow_negative_numbers = true, value_name = "DEGREES")]
     pub elevation: f64,
-    /// Axis of the orbit in object space [default: mean up direction of the scene's cameras]
+    /// Axis of the orbit in object space [default: mean up direction of the scene's cameras; y for a mesh without --data]
     #[arg(long, value_enum)]
     pub up: Option<UpAxis>,
     /// Animation of the orbit
@@ -57,7 +58,7 @@ pub struct RenderArgs {
     /// Samples across the object cube [2 to 8192]
     #[arg(long, default_value_t = 128, value_parser = within(2u32, 8192), value_name = "N")]
     pub samples: u32,
-    /// The run's scene, if it was moved since training
+    /// The run's scene, if it was moved since training; for a mesh, the scene whose coordinates it has
     #[arg(long, value_name = "SCENE")]
     pub data: Option<PathBuf>,
     #[command(flatten)]

@@ -20,6 +20,7 @@ use super::eval_dtu::{DtuEvaluation, print_dtu, score_by_dtu};
 use super::points_table::{print_points, score_by_points, settings, verified_points};
 use super::resumed::refuse_other_reading;
 use super::shape_table::print_shape;
+use super::stored_run::is_mesh;
 use super::{SCENE_RESOLUTION, eval_objects, load_model, load_run, mesh_options, print_notes, scene_of_run};
 use crate::args::EvalArgs;
 use crate::memory;
@@ -49,8 +50,7 @@ pub fn run(args: &EvalArgs, cancellation: &Cancellation) -> Result<ExitCode> {
     if let Some(path) = &args.json {
         check_file(path, args.overwrite)?;
     }
-    let is_mesh = subject.is_file() && subject.extension().is_none_or(|e| e != "ckpt" && e != "dvr");
-    let report = if is_mesh {
+    let report = if is_mesh(subject) {
         refuse_objects(args)?;
         of_mesh(args, subject, cancellation)?
     } else {

@@ -1,26 +1,32 @@
-//! `dvr render`: renders of a run.
+//! `dvr render`: pictures of a run, or of a mesh.
 
 use std::io;
 use std::path::Path;
 use std::process::ExitCode;
 
-use anyhow::{Context, Result};
-use dvr_core::Cancellation;
+use anyhow::{Context, Result, bail};
+use dvr_core::dataset::{ReadOptions, read_scene, write_transforms};
 use dvr_core::files::{
     Claim, FolderKind, OutputFolder, write_atomically, write_depth_exr, write_rgb_exr, write_rgb_png,
 };
-use dvr_core::{Camera, Similarity};
-use dvr_render::{Rendering, render_view};
+use dvr_core::mesh::read_mesh_with_warnings;
+use dvr_core::{Camera, Cancellation, Scene, Similarity};
+use dvr_render::{MeshShader, Rendering, Shader, render_view};
 use dvr_train::preview::{normal_picture, orbit_camera, to_rgb8};
 use dvr_train::{Checkpoint, Observer};
 use glam::DVec3;
 use image::codecs::gif::{GifEncoder, Repeat};
 use image::{Delay, Frame, RgbImage};
 
+use super::stored_run::is_mesh;
 use super::{load_model, load_run, print_notes, scene_of_run};
 use crate::args::{Animation, Cameras, RenderArgs, UpAxis};
+use crate::backend::Backend;
 use crate::memory;
 use crate::progress::Progress;
+
+/// The cameras of the pictures.
+const CAMERAS: &str = "transforms.json";
 
 /// The animation of an orbit.
 const TURNTABLE: &str = "turntable.gif";
@@ -28,76 +34,140 @@ const TURNTABLE: &str = "turntable.gif";
 /// Frames per second of the turntable.
 const FRAMES_PER_SECOND: u32 = 18;
 
+/// Longest edge in the object cube of a mesh whose scene is not given, as in datasets of rendered meshes.
+const MESH_EDGE: f64 = 0.9;
+
 /// Renders and writes.
 pub fn run(args: &RenderArgs, cancellation: &Cancellation) -> Result<ExitCode> {
     let claim = if args.overwrite { Claim::Replace } else { Claim::New };
     OutputFolder::check::<&str>(&args.out, FolderKind::Renders, claim, &[])?;
-    let checkpoint = load_run(&args.run)?;
+    if is_mesh(&args.subject) {
+        of_mesh(args, claim, cancellation)?;
+    } else {
+        of_run(args, claim, cancellation)?;
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn of_run(args: &RenderArgs, claim: Claim, cancellation: &Cancellation) -> Result<()> {
+    let checkpoint = load_run(&args.subject)?;
     let device = args.backend.backend.device_for(dvr_train::method_of(&checkpoint.header.method)?.as_ref())?;
     memory::limit(&device, args.memory.memory);
     let model = load_model(&checkpoint, args.object, &device)?;
-    let object_to_world = checkpoint.header.object_to_world;
     let needs_scene = args.cameras == Cameras::Dataset || (args.up.is_none() && args.cameras == Cameras::Orbit);
     let scene = if needs_scene {
         Some(scene_of_run(&checkpoint, args.data.as_ref(), args.memory.memory, cancellation))
     } else {
         None
     };
-    let cameras: Vec<(String, Camera)> = match args.cameras {
+    let cameras = match args.cameras {
         Cameras::Dataset => {
             let scene = scene.context("the dataset's views need its scene")??;
             print_notes(&scene.warnings);
             print_parts(&checkpoint);
-            scene.views.into_iter().map(|view| (view.name, view.camera)).collect()
+            cameras_of(scene)
         }
-        Cameras::Orbit => {
-            let up = match args.up {
-                Some(axis) => axis_vector(axis),
-                None => scene.and_then(Result::ok).map_or(DVec3::Y, |scene| scene.up()),
-            };
-            orbit(args, up)
-        }
+        Cameras::Orbit => orbit(args, scene.and_then(Result::ok).as_ref()),
     };
     cancellation.check()?;
     memory::check_rendering(cameras.iter().map(|(_, camera)| camera), &device, args.memory.memory)?;
-    let _writing = OutputFolder::claim(&args.out, FolderKind::Renders, claim, &file_names(args, &cameras))?;
-    let shader = model.shader(args.samples as usize);
-    let mut progress = Progress::new();
-    progress.phase("rendering", cameras.len());
-    let mut render = |film: &mut dyn FnMut(RgbImage) -> Result<()>| -> Result<()> {
-        for (i, (name, camera)) in cameras.iter().enumerate() {
-            cancellation.check()?;
-            let rendering = render_view(shader.as_ref(), camera);
-            let picture = to_rgb8(&rendering.color);
-            write_frame(&args.out, name, args, camera, &rendering, &picture, &object_to_world)?;
-            film(picture)?;
-            progress.progress(i + 1, name);
-        }
-        Ok(())
-    };
-    if has_turntable(args) {
-        let path = args.out.join(TURNTABLE);
-        write_turntable(&path, render)?;
-        println!("wrote {}", path.display());
-    } else {
-        render(&mut |_| Ok(()))?;
-    }
-    println!("wrote {} images to {}", cameras.len(), args.out.display());
-    Ok(ExitCode::SUCCESS)
+    let shots = Shots { cameras, object_to_world: checkpoint.header.object_to_world };
+    shots.write(model.shader(args.samples as usize).as_ref(), args, claim, cancellation)
 }
 
-/// The files that will be written, within the folder.
-fn file_names(args: &RenderArgs, cameras: &[(String, Camera)]) -> Vec<String> {
-    let exr = args.exr.then_some([".exr", "_depth.exr"]);
-    let endings = [".png"].into_iter().chain(args.normals.then_some("_normal.png")).chain(exr.into_iter().flatten());
-    let endings: Vec<&str> = endings.collect();
-    let turntable = has_turntable(args).then(|| TURNTABLE.to_owned());
-    let frames = cameras.iter().flat_map(|(name, _)| endings.iter().map(move |ending| format!("{name}{ending}")));
-    frames.chain(turntable).collect()
+/// A mesh of the world of a scene's files, with its textures or the colours of its vertices. Without the scene, its own
+/// extent is the object space, and +y is up, as in glTF.
+fn of_mesh(args: &RenderArgs, claim: Claim, cancellation: &Cancellation) -> Result<()> {
+    if args.object.is_some() {
+        bail!("--object chooses an object of a run, and this is a mesh");
+    }
+    let mut warnings = Vec::new();
+    let textured = read_mesh_with_warnings(&args.subject, &mut warnings)?;
+    let scene = match &args.data {
+        Some(data) => {
+            let max_memory = args.memory.memory;
+            let options = ReadOptions { max_memory, cancellation: cancellation.clone(), ..ReadOptions::default() };
+            let scene = read_scene(data, &options)?;
+            warnings.extend(scene.warnings.iter().cloned());
+            Some(scene)
+        }
+        None => None,
+    };
+    print_notes(&warnings);
+    let (textured, object_to_world) = match &scene {
+        Some(scene) => (textured.transformed(&scene.object_to_world.inverse()), scene.object_to_world),
+        None => textured.normalized(MESH_EDGE).with_context(|| args.subject.display().to_string())?,
+    };
+    let cameras = match args.cameras {
+        Cameras::Dataset => cameras_of(scene.context("a mesh does not know its scene: give it with --data")?),
+        Cameras::Orbit => orbit(args, scene.as_ref()),
+    };
+    cancellation.check()?;
+    if args.backend.backend != Backend::Cpu {
+        eprintln!("note: rays meet a mesh on the CPU; --backend {} has no effect", args.backend.backend);
+    }
+    let device = Backend::Cpu.device()?;
+    memory::check_rendering(cameras.iter().map(|(_, camera)| camera), &device, args.memory.memory)?;
+    let shots = Shots { cameras, object_to_world };
+    shots.write(&MeshShader::textured(&textured), args, claim, cancellation)
+}
+
+/// What is rendered: cameras in object space with the names of their pictures.
+struct Shots {
+    cameras: Vec<(String, Camera)>,
+    object_to_world: Similarity,
+}
+
+impl Shots {
+    fn write(&self, shader: &dyn Shader, args: &RenderArgs, claim: Claim, cancellation: &Cancellation) -> Result<()> {
+        let _writing = OutputFolder::claim(&args.out, FolderKind::Renders, claim, &self.files(args))?;
+        let in_world =
+            |(name, camera): &(String, Camera)| (format!("{name}.png"), camera.into_world(&self.object_to_world));
+        let in_world: Vec<(String, Camera)> = self.cameras.iter().map(in_world).collect();
+        write_transforms(&args.out.join(CAMERAS), in_world.iter().map(|(file, camera)| (file.as_str(), camera)), None)?;
+        let mut progress = Progress::new();
+        progress.phase("rendering", self.cameras.len());
+        let mut render = |film: &mut dyn FnMut(RgbImage) -> Result<()>| -> Result<()> {
+            for (i, (name, camera)) in self.cameras.iter().enumerate() {
+                cancellation.check()?;
+                let rendering = render_view(shader, camera);
+                let picture = to_rgb8(&rendering.color);
+                write_frame(&args.out, name, args, camera, &rendering, &picture, &self.object_to_world)?;
+                film(picture)?;
+                progress.progress(i + 1, name);
+            }
+            Ok(())
+        };
+        if has_turntable(args) {
+            let path = args.out.join(TURNTABLE);
+            write_turntable(&path, render)?;
+            println!("wrote {}", path.display());
+        } else {
+            render(&mut |_| Ok(()))?;
+        }
+        println!("wrote {} images to {}", self.cameras.len(), args.out.display());
+        Ok(())
+    }
+
+    /// The files that will be written, within the folder.
+    fn files(&self, args: &RenderArgs) -> Vec<String> {
+        let exr = args.exr.then_some([".exr", "_depth.exr"]);
+        let endings =
+            [".png"].into_iter().chain(args.normals.then_some("_normal.png")).chain(exr.into_iter().flatten());
+        let endings: Vec<&str> = endings.collect();
+        let frames =
+            self.cameras.iter().flat_map(|(name, _)| endings.iter().map(move |ending| format!("{name}{ending}")));
+        frames.chain([CAMERAS.to_owned()]).chain(has_turntable(args).then(|| TURNTABLE.to_owned())).collect()
+    }
 }
 
 fn has_turntable(args: &RenderArgs) -> bool {
     args.cameras == Cameras::Orbit && args.animation == Animation::Gif
+}
+
+/// The cameras of a scene's views.
+fn cameras_of(scene: Scene) -> Vec<(String, Camera)> {
+    scene.views.into_iter().map(|view| (view.name, view.camera)).collect()
 }
 
 /// Which of the run's views were trained on.
@@ -129,8 +199,10 @@ fn write_frame(
     Ok(())
 }
 
-/// Cameras on a circle around the object, which is completely in the frame.
-fn orbit(args: &RenderArgs, up: DVec3) -> Vec<(String, Camera)> {
+/// Cameras on a circle around the object, which is completely in the frame. Up is what the arguments say, else what it is
+/// in the scene.
+fn orbit(args: &RenderArgs, scene: Option<&Scene>) -> Vec<(String, Camera)> {
+    let up = args.up.map_or_else(|| scene.map_or(DVec3::Y, Scene::up), axis_vector);
     let camera = |i| orbit_camera(args.size, 360.0 * f64::from(i) / f64::from(args.frames), args.elevation, up);
     (0..args.frames).map(|i| (format!("orbit_{i:04}"), camera(i))).collect()
 }

@@ -19,6 +19,11 @@ pub fn load_run(path: &Path) -> Result<Checkpoint> {
     Ok(checkpoint)
 }
 
+/// Whether a path is that of a mesh, where it may be a run, a checkpoint or a stored field as well.
+pub fn is_mesh(path: &Path) -> bool {
+    path.is_file() && path.extension().is_none_or(|extension| extension != "ckpt" && extension != "dvr")
+}
+
 /// Masks that were found for a run lie in its folder, also where that was moved.
 pub fn find_masks_again(checkpoint: &mut Checkpoint, folder: Option<&Path>) {
     let Some(masks) = folder.map(|folder| RunFolder::new(folder).masks()).filter(|masks| masks.is_dir()) else {

@@ -2,10 +2,11 @@
 
 use std::sync::Arc;
 
-use glam::Vec2;
+use glam::{DVec3, Vec2};
 
 use super::triangle_mesh::Mesh;
 use crate::camera::Similarity;
+use crate::error::{Error, Result};
 
 /// How a face of a [`TexturedMesh`] is coloured.
 #[derive(Clone, Debug, PartialEq)]
@@ -47,5 +48,23 @@ impl TexturedMesh {
     /// The mesh moved through a similarity, as [`Mesh::transformed`].
     pub fn transformed(self, similarity: &Similarity) -> Self {
         Self { mesh: self.mesh.transformed(similarity), ..self }
+    }
+
+    /// The mesh in an object space of its own, its longest edge `edge`, and the way back to its own units.
+    ///
+    /// # Errors
+    /// [`Error::NoExtent`] where the faces have no extent.
+    pub fn normalized(self, edge: f64) -> Result<(Self, Similarity)> {
+        // Vertices that no face uses are not to be seen.
+        let used = || self.mesh.faces.iter().flatten().map(|&i| self.mesh.vertices[i as usize].as_dvec3());
+        let low = used().fold(DVec3::INFINITY, DVec3::min);
+        let high = used().fold(DVec3::NEG_INFINITY, DVec3::max);
+        let longest = (high - low).max_element();
+        if !longest.is_finite() || longest <= 0.0 {
+            return Err(Error::NoExtent { faces: self.mesh.faces.len() });
+        }
+        let object_to_world =
+            Similarity { scale: longest / edge, translation: 0.5 * (low + high), ..Similarity::default() };
+        Ok((self.transformed(&object_to_world.inverse()), object_to_world))
     }
 }

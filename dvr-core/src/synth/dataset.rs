@@ -62,30 +62,11 @@ pub(super) fn render_object(
     if folder.exists() {
         return Err(Error::AlreadyThere { name: folder.display().to_string() });
     }
-    let (mesh, object_to_world) = normalized(mesh, config.object_edge)?;
+    let (mesh, object_to_world) = mesh.clone().normalized(config.object_edge)?;
     let partial = PartialFolder::create(out.join(category).join(format!(".{name}.partial")))?;
     write_views(&mesh, &object_to_world, &partial.path, config, progress)?;
     write_ground_truth(&mesh.mesh, &object_to_world, &partial.path, config)?;
     partial.finish(&folder)
-}
-
-/// The mesh in object space, its longest edge `edge`, and the way back to its own units.
-///
-/// # Errors
-/// [`Error::NoExtent`] where the faces have no extent.
-pub(super) fn normalized(textured: &TexturedMesh, edge: f64) -> Result<(TexturedMesh, Similarity)> {
-    // Vertices that no face uses are not to be seen.
-    let used = || textured.mesh.faces.iter().flatten().map(|&i| textured.mesh.vertices[i as usize].as_dvec3());
-    let low = used().fold(DVec3::INFINITY, DVec3::min);
-    let high = used().fold(DVec3::NEG_INFINITY, DVec3::max);
-    let longest = (high - low).max_element();
-    if !longest.is_finite() || longest <= 0.0 {
-        return Err(Error::NoExtent { faces: textured.mesh.faces.len() });
-    }
-    let object_to_world =
-        Similarity { scale: longest / edge, translation: 0.5 * (low + high), ..Similarity::default() };
-    let mesh = textured.mesh.clone().transformed(&object_to_world.inverse());
-    Ok((TexturedMesh { mesh, ..textured.clone() }, object_to_world))
 }
 
 fn write_views(
