@@ -265,6 +265,10 @@ fn of_sfm(error: &SfmError) -> Option<String> {
         SfmError::NotInstalled { .. } => {
             Some("Install it: `apt install ffmpeg`, `brew install ffmpeg`, or `conda install -c conda-forge ffmpeg`.".into())
         }
+        SfmError::NoEncoder { .. } => Some(
+            "Install one that has it, as `apt install ffmpeg`, `brew install ffmpeg` and `conda install -c conda-forge ffmpeg` do; or take another --animation."
+                .into(),
+        ),
         SfmError::OtherFormat { kind: "HEIC", .. } => Some(
             "Convert them to JPEG: `for f in *.HEIC; do heif-convert -q 98 \"$f\" \"${f%.*}.jpg\"; done` (apt install \
              libheif-examples), or on a Mac `sips -s format jpeg *.HEIC --out .`. On the phone: Settings, Camera, Formats, \

@@ -1,11 +1,13 @@
-//! `dvr render`: pictures of a mesh, and the cameras beside them.
+//! `dvr render`: pictures of a mesh, the cameras beside them, and turntables as clips.
 
 mod support;
 
 use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
 
 use dvr_core::files::read_rgb;
 use dvr_core::mesh::{Mesh, shapes, write_mesh};
+use dvr_test_support::{program, test_with};
 use support::{Tiny, dvr, refuses, succeeds, text};
 
 /// A ball in the world, red in front (+z), blue behind.
@@ -80,4 +82,119 @@ fn a_mesh_with_its_scene_is_seen_by_the_scenes_cameras() {
         }
     }
     assert!(same * 1000 > all * 970, "{same} of {all} pixels");
+}
+
+/// What ffmpeg says, and its standard output.
+fn ffmpeg(args: &[&str]) -> (String, Vec<u8>) {
+    let output = Command::new(program("ffmpeg")).args(args).output().unwrap();
+    (String::from_utf8_lossy(&output.stderr).into_owned(), output.stdout)
+}
+
+#[test_with(ffmpeg)]
+fn a_turntable_is_a_clip_of_all_frames_with_even_sizes_and_their_colours() {
+    let folder = tempfile::tempdir().unwrap();
+    let mesh = ball(folder.path());
+    for (format, codec) in [("mp4", "h264"), ("webm", "vp9")] {
+        // What ffmpeg would take for a pattern may be in the folder's name.
+        let out = folder.path().join(format!("50 %d {format}"));
+        let render = ["render", text(&mesh), "--out", text(&out), "--frames", "5", "--size", "65", "--elevation", "0"];
+        let said = succeeds(&dvr(&[&render[..], &["--animation", format]].concat()));
+        let clip = out.join(format!("turntable.{format}"));
+        assert!(said.contains(text(&clip)), "{said}");
+        assert_eq!(names(&out).len(), 7, "{:?}", names(&out));
+        let (told, _) = ffmpeg(&["-hide_banner", "-i", text(&clip)]);
+        for part in [codec, "yuv420p", "bt709", "66x66", "18 fps"] {
+            assert!(told.contains(part), "{part} is missing in: {told}");
+        }
+        let (_, pixels) = ffmpeg(&["-v", "error", "-i", text(&clip), "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]);
+        assert_eq!(pixels.len(), 5 * 66 * 66 * 3, "five frames of 66x66");
+        for (frame, pixels) in pixels.chunks(66 * 66 * 3).enumerate() {
+            let pixel = |u: usize, v: usize| [0, 1, 2].map(|c| i32::from(pixels[3 * (66 * v + u) + c]));
+            let expected = middle(&out.join(format!("orbit_{frame:04}.png"))).map(i32::from);
+            let found = pixel(32, 32);
+            assert!((0..3).all(|c| (found[c] - expected[c]).abs() < 24), "{format} {frame}: {found:?}, {expected:?}");
+            assert!(pixel(65, 65).iter().all(|c| *c > 240), "the pixels that make it even are white");
+        }
+    }
+}
+
+/// `dvr render` of a ball with only the programs of a folder in reach.
+fn alone(folder: &Path, format: &str) -> Output {
+    let (mesh, out) = (ball(folder), folder.join("frames"));
+    let args = ["render", text(&mesh), "--out", text(&out), "--frames", "2", "--size", "16", "--animation", format];
+    Command::new(env!("CARGO_BIN_EXE_dvr")).args(args).env("PATH", folder.join("programs")).output().unwrap()
+}
+
+#[test]
+fn without_ffmpeg_one_sentence_says_how_to_install_it_before_anything_is_rendered() {
+    let folder = tempfile::tempdir().unwrap();
+    for format in ["mp4", "webm"] {
+        let refused = alone(folder.path(), format);
+        refuses(&refused, &["`ffmpeg`", "makes MP4 and WebM", "apt install ffmpeg", "brew install ffmpeg", "conda"]);
+        assert!(!folder.path().join("frames").exists());
+    }
+    succeeds(&alone(folder.path(), "gif"));
+}
+
+#[test]
+fn a_clip_of_the_datasets_views_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let (mesh, out) = (ball(folder.path()), folder.path().join("frames"));
+    let args = ["render", text(&mesh), "--out", text(&out), "--cameras", "dataset", "--animation", "mp4"];
+    refuses(&dvr(&args), &["turntable.mp4", "--cameras", "--animation none"]);
+    assert!(!out.exists());
+}
+
+/// An ffmpeg that does what a script says.
+#[cfg(unix)]
+fn script(folder: &Path, lines: &str) {
+    use std::os::unix::fs::PermissionsExt;
+    let path = folder.join("programs/ffmpeg");
+    std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+    std::fs::write(&path, format!("#!/bin/sh\n{lines}\n")).unwrap();
+    std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o755)).unwrap();
+}
+
+#[cfg(unix)]
+#[test]
+fn an_ffmpeg_that_cannot_or_fails_is_quoted_and_leaves_no_half_of_a_clip() {
+    let folder = tempfile::tempdir().unwrap();
+    script(folder.path(), "echo ' V....D mpeg4  MPEG-4 part 2'");
+    refuses(&alone(folder.path(), "webm"), &["`libvpx-vp9`", "WebM", "--animation"]);
+    assert!(!folder.path().join("frames").exists());
+    let list = "case \"$*\" in *-encoders) echo ' V....D libx264  H.264'; exit;; esac";
+    script(
+        folder.path(),
+        &format!("{list}\nfor last; do :; done; echo half > \"$last\"; echo 'Error: no room' >&2; exit 3"),
+    );
+    refuses(&alone(folder.path(), "mp4"), &["ffmpeg failed at encoding", "exit status: 3", "no room"]);
+    assert_eq!(names(&folder.path().join("frames")), ["orbit_0000.png", "orbit_0001.png", "transforms.json"]);
+}
+
+#[cfg(unix)]
+#[test]
+fn ctrl_c_ends_ffmpeg_and_no_half_of_a_clip_is_left() {
+    use nix::sys::signal::{Signal, kill};
+    use nix::unistd::Pid;
+    let folder = tempfile::tempdir().unwrap();
+    let (mesh, out, pid) = (ball(folder.path()), folder.path().join("frames"), folder.path().join("pid"));
+    let list = "case \"$*\" in *-encoders) echo ' V....D libx264  H.264'; exit;; esac";
+    let hang = "for last; do :; done; echo half > \"$last\"";
+    // The shell's own commands alone: nothing else is in reach.
+    script(
+        folder.path(),
+        &format!("PATH=/usr/bin:/bin\n{list}\n{hang}\necho $$ > {0}.half; mv {0}.half {0}; sleep 300", pid.display()),
+    );
+    let args = ["render", text(&mesh), "--out", text(&out), "--frames", "2", "--size", "16", "--animation", "mp4"];
+    let mut command = Command::new(env!("CARGO_BIN_EXE_dvr"));
+    let mut child = command.args(args).env("PATH", folder.path().join("programs")).spawn().unwrap();
+    while !pid.exists() {
+        assert!(child.try_wait().unwrap().is_none(), "it ended by itself");
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+    let of_ffmpeg: i32 = std::fs::read_to_string(&pid).unwrap().trim().parse().unwrap();
+    kill(Pid::from_raw(i32::try_from(child.id()).unwrap()), Signal::SIGINT).unwrap();
+    assert_eq!(child.wait().unwrap().code(), Some(130));
+    assert!(kill(Pid::from_raw(of_ffmpeg), None).is_err(), "ffmpeg goes on");
+    assert_eq!(names(&out), ["orbit_0000.png", "orbit_0001.png", "transforms.json"]);
 }

@@ -100,6 +100,14 @@ pub enum SfmError {
         /// Where the surface was trimmed.
         trim: f64,
     },
+    /// The installed ffmpeg cannot make clips of a format.
+    #[error("the installed ffmpeg has no encoder `{encoder}`, which makes {format} clips")]
+    NoEncoder {
+        /// What ffmpeg calls it.
+        encoder: &'static str,
+        /// `MP4` or `WebM`.
+        format: &'static str,
+    },
     /// A clip gives no frames.
     #[error("{}: no frames can be read from the clip ({said})", path.display())]
     BadClip {

@@ -1,5 +1,6 @@
 //! Cameras of photographs that have none: structure from motion by COLMAP, which is run as a program; and surfaces of
-//! point clouds ([`poisson_surface`]), by the screened Poisson reconstruction that COLMAP has.
+//! point clouds ([`poisson_surface`]), by the screened Poisson reconstruction that COLMAP has. Clips are taken apart by
+//! ffmpeg, and made by it ([`ClipEncoder`]).
 //!
 //! ```no_run
 //! use dvr_sfm::{Source, SfmOptions, find_cameras};
@@ -24,6 +25,7 @@
 
 mod child;
 mod clip;
+mod clip_encoder;
 mod compare;
 mod engine;
 mod error;
@@ -39,6 +41,7 @@ mod source;
 mod steps;
 mod workspace;
 
+pub use clip_encoder::{ClipEncoder, ClipFormat};
 pub use compare::CameraErrors;
 pub use error::SfmError;
 pub use find::find_cameras;

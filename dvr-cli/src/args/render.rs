@@ -89,6 +89,10 @@ pub enum UpAxis {
 pub enum Animation {
     /// turntable.gif
     Gif,
+    /// turntable.mp4 (H.264), by ffmpeg
+    Mp4,
+    /// turntable.webm (VP9), by ffmpeg
+    Webm,
     /// Frames only
     None,
 }

@@ -37,6 +37,7 @@ pub mod synth;
 pub mod texture;
 pub mod train;
 mod train_objects;
+mod turntable;
 
 use meshing::{OBJECT_RESOLUTION, SCENE_RESOLUTION, mesh_options, run_mesh_options, surface_options};
 use notes::print_notes;

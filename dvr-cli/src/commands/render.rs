@@ -1,26 +1,23 @@
 //! `dvr render`: pictures of a run, or of a mesh.
 
-use std::io;
 use std::path::Path;
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
 use dvr_core::dataset::{ReadOptions, read_scene, write_transforms};
-use dvr_core::files::{
-    Claim, FolderKind, OutputFolder, write_atomically, write_depth_exr, write_rgb_exr, write_rgb_png,
-};
+use dvr_core::files::{Claim, FolderKind, OutputFolder, write_depth_exr, write_rgb_exr, write_rgb_png};
 use dvr_core::mesh::read_mesh_with_warnings;
 use dvr_core::{Camera, Cancellation, Scene, Similarity};
 use dvr_render::{MeshShader, Rendering, Shader, render_view};
 use dvr_train::preview::{normal_picture, orbit_camera, to_rgb8};
 use dvr_train::{Checkpoint, Observer};
 use glam::DVec3;
-use image::codecs::gif::{GifEncoder, Repeat};
-use image::{Delay, Frame, RgbImage};
+use image::RgbImage;
 
 use super::stored_run::is_mesh;
+use super::turntable::Turntable;
 use super::{load_model, load_run, print_notes, scene_of_run};
-use crate::args::{Animation, Cameras, RenderArgs, UpAxis};
+use crate::args::{Cameras, RenderArgs, UpAxis};
 use crate::backend::Backend;
 use crate::memory;
 use crate::progress::Progress;
@@ -28,11 +25,8 @@ use crate::progress::Progress;
 /// The cameras of the pictures.
 const CAMERAS: &str = "transforms.json";
 
-/// The animation of an orbit.
-const TURNTABLE: &str = "turntable.gif";
-
-/// Frames per second of the turntable.
-const FRAMES_PER_SECOND: u32 = 18;
+/// Names of an orbit's frames, as `printf` has them.
+const ORBIT_PATTERN: &str = "orbit_%04d.png";
 
 /// Longest edge in the object cube of a mesh whose scene is not given, as in datasets of rendered meshes.
 const MESH_EDGE: f64 = 0.9;
@@ -41,15 +35,16 @@ const MESH_EDGE: f64 = 0.9;
 pub fn run(args: &RenderArgs, cancellation: &Cancellation) -> Result<ExitCode> {
     let claim = if args.overwrite { Claim::Replace } else { Claim::New };
     OutputFolder::check::<&str>(&args.out, FolderKind::Renders, claim, &[])?;
+    let turntable = Turntable::of(args, cancellation)?;
     if is_mesh(&args.subject) {
-        of_mesh(args, claim, cancellation)?;
+        of_mesh(args, claim, &turntable, cancellation)?;
     } else {
-        of_run(args, claim, cancellation)?;
+        of_run(args, claim, &turntable, cancellation)?;
     }
     Ok(ExitCode::SUCCESS)
 }
 
-fn of_run(args: &RenderArgs, claim: Claim, cancellation: &Cancellation) -> Result<()> {
+fn of_run(args: &RenderArgs, claim: Claim, turntable: &Turntable, cancellation: &Cancellation) -> Result<()> {
     let checkpoint = load_run(&args.subject)?;
     let device = args.backend.backend.device_for(dvr_train::method_of(&checkpoint.header.method)?.as_ref())?;
     memory::limit(&device, args.memory.memory);
@@ -72,12 +67,12 @@ fn of_run(args: &RenderArgs, claim: Claim, cancellation: &Cancellation) -> Resul
     cancellation.check()?;
     memory::check_rendering(cameras.iter().map(|(_, camera)| camera), &device, args.memory.memory)?;
     let shots = Shots { cameras, object_to_world: checkpoint.header.object_to_world };
-    shots.write(model.shader(args.samples as usize).as_ref(), args, claim, cancellation)
+    shots.write(model.shader(args.samples as usize).as_ref(), args, claim, turntable, cancellation)
 }
 
 /// A mesh of the world of a scene's files, with its textures or the colours of its vertices. Without the scene, its own
 /// extent is the object space, and +y is up, as in glTF.
-fn of_mesh(args: &RenderArgs, claim: Claim, cancellation: &Cancellation) -> Result<()> {
+fn of_mesh(args: &RenderArgs, claim: Claim, turntable: &Turntable, cancellation: &Cancellation) -> Result<()> {
     if args.object.is_some() {
         bail!("--object chooses an object of a run, and this is a mesh");
     }
@@ -109,7 +104,7 @@ fn of_mesh(args: &RenderArgs, claim: Claim, cancellation: &Cancellation) -> Resu
     let device = Backend::Cpu.device()?;
     memory::check_rendering(cameras.iter().map(|(_, camera)| camera), &device, args.memory.memory)?;
     let shots = Shots { cameras, object_to_world };
-    shots.write(&MeshShader::textured(&textured), args, claim, cancellation)
+    shots.write(&MeshShader::textured(&textured), args, claim, turntable, cancellation)
 }
 
 /// What is rendered: cameras in object space with the names of their pictures.
@@ -119,15 +114,22 @@ struct Shots {
 }
 
 impl Shots {
-    fn write(&self, shader: &dyn Shader, args: &RenderArgs, claim: Claim, cancellation: &Cancellation) -> Result<()> {
-        let _writing = OutputFolder::claim(&args.out, FolderKind::Renders, claim, &self.files(args))?;
+    fn write(
+        &self,
+        shader: &dyn Shader,
+        args: &RenderArgs,
+        claim: Claim,
+        turntable: &Turntable,
+        cancellation: &Cancellation,
+    ) -> Result<()> {
+        let _writing = OutputFolder::claim(&args.out, FolderKind::Renders, claim, &self.files(args, turntable))?;
         let in_world =
             |(name, camera): &(String, Camera)| (format!("{name}.png"), camera.into_world(&self.object_to_world));
         let in_world: Vec<(String, Camera)> = self.cameras.iter().map(in_world).collect();
         write_transforms(&args.out.join(CAMERAS), in_world.iter().map(|(file, camera)| (file.as_str(), camera)), None)?;
         let mut progress = Progress::new();
         progress.phase("rendering", self.cameras.len());
-        let mut render = |film: &mut dyn FnMut(RgbImage) -> Result<()>| -> Result<()> {
+        turntable.write(&args.out, ORBIT_PATTERN, |film| {
             for (i, (name, camera)) in self.cameras.iter().enumerate() {
                 cancellation.check()?;
                 let rendering = render_view(shader, camera);
@@ -137,32 +139,24 @@ impl Shots {
                 progress.progress(i + 1, name);
             }
             Ok(())
-        };
-        if has_turntable(args) {
-            let path = args.out.join(TURNTABLE);
-            write_turntable(&path, render)?;
-            println!("wrote {}", path.display());
-        } else {
-            render(&mut |_| Ok(()))?;
+        })?;
+        if let Some(file) = turntable.file() {
+            println!("wrote {}", args.out.join(file).display());
         }
         println!("wrote {} images to {}", self.cameras.len(), args.out.display());
         Ok(())
     }
 
     /// The files that will be written, within the folder.
-    fn files(&self, args: &RenderArgs) -> Vec<String> {
+    fn files(&self, args: &RenderArgs, turntable: &Turntable) -> Vec<String> {
         let exr = args.exr.then_some([".exr", "_depth.exr"]);
         let endings =
             [".png"].into_iter().chain(args.normals.then_some("_normal.png")).chain(exr.into_iter().flatten());
         let endings: Vec<&str> = endings.collect();
         let frames =
             self.cameras.iter().flat_map(|(name, _)| endings.iter().map(move |ending| format!("{name}{ending}")));
-        frames.chain([CAMERAS.to_owned()]).chain(has_turntable(args).then(|| TURNTABLE.to_owned())).collect()
+        frames.chain([CAMERAS.to_owned()]).chain(turntable.file().map(str::to_owned)).collect()
     }
-}
-
-fn has_turntable(args: &RenderArgs) -> bool {
-    args.cameras == Cameras::Orbit && args.animation == Animation::Gif
 }
 
 /// The cameras of a scene's views.
@@ -215,31 +209,5 @@ fn axis_vector(axis: UpAxis) -> DVec3 {
         UpAxis::MinusX => DVec3::NEG_X,
         UpAxis::MinusY => DVec3::NEG_Y,
         UpAxis::MinusZ => DVec3::NEG_Z,
-    }
-}
-
-/// Writes a GIF that repeats without end; `render` hands its frames on one by one, and none is kept.
-fn write_turntable(
-    path: &Path,
-    mut render: impl FnMut(&mut dyn FnMut(RgbImage) -> Result<()>) -> Result<()>,
-) -> Result<()> {
-    // What fails in a frame is no failure of this file.
-    let mut failure = None;
-    let written = write_atomically(path, |file| {
-        let mut encoder = GifEncoder::new_with_speed(file, 10);
-        encoder.set_repeat(Repeat::Infinite).map_err(io::Error::other)?;
-        let rendered = render(&mut |frame| {
-            let rgba = image::DynamicImage::ImageRgb8(frame).into_rgba8();
-            let delay = Delay::from_numer_denom_ms(1000, FRAMES_PER_SECOND);
-            Ok(encoder.encode_frame(Frame::from_parts(rgba, 0, 0, delay))?)
-        });
-        rendered.map_err(|error| {
-            failure = Some(error);
-            io::Error::other("a frame failed")
-        })
-    });
-    match failure {
-        Some(error) => Err(error),
-        None => Ok(written?),
     }
 }

@@ -31,10 +31,39 @@ pub fn write_bytes_atomically(path: &Path, bytes: &[u8]) -> Result<()> {
     write_atomically(path, |file| file.write_all(bytes))
 }
 
+/// [`write_atomically`] for a file that another program fills: `content` gets the temporary name, at which there is an
+/// empty file to be written over.
+///
+/// # Errors
+/// That of `content`, and [`Error::Io`] as [`write_atomically`].
+pub fn fill_atomically<E: From<Error>>(
+    path: &Path,
+    content: impl FnOnce(&Path) -> std::result::Result<(), E>,
+) -> std::result::Result<(), E> {
+    // What fails in the other program is no failure of this file.
+    let mut failure = None;
+    let written = put_in_place(path, |file, temporary| match content(temporary) {
+        Ok(()) => file.sync_all(),
+        Err(error) => {
+            failure = Some(error);
+            Err(std::io::Error::other("the file was not filled"))
+        }
+    });
+    match failure {
+        Some(error) => Err(error),
+        None => Ok(written.map_err(|source| Error::io(path, source))?),
+    }
+}
+
 fn write_beside(path: &Path, content: impl FnOnce(&mut dyn Write) -> std::io::Result<()>) -> std::io::Result<()> {
+    put_in_place(path, |file, _| fill(file, content))
+}
+
+/// Fills a temporary file, which `write` gets with its name, and renames it.
+fn put_in_place(path: &Path, write: impl FnOnce(&File, &Path) -> std::io::Result<()>) -> std::io::Result<()> {
     fault::point()?;
     let (mut temporary, _name) = TemporaryName::of(|| temporary_beside(path), |file| file.path().to_owned())?;
-    let written = fill(temporary.as_file(), content).and_then(|()| fault::point());
+    let written = write(temporary.as_file(), temporary.path()).and_then(|()| fault::point());
     // Only the killed leave temporary files; else they are removed as the error leaves this function.
     temporary.disable_cleanup(fault::is_dead());
     written?;
@@ -106,6 +135,23 @@ mod tests {
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
         write_bytes_atomically(&path, b"new").unwrap();
         assert_eq!(std::fs::read(&path).unwrap(), b"new");
+    }
+
+    #[test]
+    fn a_file_that_another_program_fills_appears_whole_or_not_at_all() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.mp4");
+        let failed = fill_atomically(&path, |temporary| {
+            std::fs::write(temporary, b"half").unwrap();
+            assert!(!path.exists());
+            Err(Error::FolderName { what: "file", name: "broke".to_owned() })
+        });
+        assert!(failed.unwrap_err().to_string().contains("broke"));
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+        fill_atomically(&path, |temporary| std::fs::write(temporary, b"all").map_err(|e| Error::io(temporary, e)))
+            .unwrap();
+        assert_eq!(std::fs::read(&path).unwrap(), b"all");
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
     }
 
     /// Replaces a file with content of several writes, with a fault at each operation in turn; returns how many there are.

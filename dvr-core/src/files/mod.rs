@@ -19,7 +19,7 @@ mod temporary;
 
 pub use crate::folder_kind::FolderKind;
 pub(crate) use atomic::sync_folder;
-pub use atomic::{write_atomically, write_bytes_atomically};
+pub use atomic::{fill_atomically, write_atomically, write_bytes_atomically};
 pub use exr_file::{read_depth_exr, write_depth_exr, write_rgb_exr};
 pub(crate) use limits::shortened;
 pub use limits::{check_limit, read_bytes, read_text};
