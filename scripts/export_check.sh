@@ -1,5 +1,6 @@
 #!/bin/sh
-# Checks a GLB of this program as other programs see it: Khronos' validator, Blender, and three.js in Chromium.
+# Checks an unlit GLB of this program, as `dvr train` and `dvr texture` write it, as other programs see it: Khronos'
+# validator, Blender, and three.js in Chromium.
 #
 #     scripts/export_check.sh MESH.glb OUT [ARGUMENTS of dvr render, as --data SCENE or --up z]
 #
@@ -13,10 +14,11 @@
 #
 # Pictures, side by side with their differences, lie in OUT/sheets, figures in OUT/figures.json. Exit code 1: something
 # differs. It needs Blender (3.4 or later) with numpy, Chromium, node and npm: `apt install blender python3-numpy chromium
-# nodejs npm`. Modules of npm are kept in $DVR_EXPORT_CACHE (~/.cache/dvr-export-check). Takes `dvr` from $DVR, else target/release/dvr.
+# nodejs npm`. Modules of npm are kept in $DVR_EXPORT_CACHE (~/.cache/dvr-export-check). Takes `dvr` from $DVR, else
+# target/release/dvr.
 set -eu
 
-[ $# -ge 2 ] || { sed -n '2,17s/^# \{0,1\}//p' "$0" >&2; exit 2; }
+[ $# -ge 2 ] || { sed -n '2,19s/^# \{0,1\}//p' "$0" >&2; exit 2; }
 root=$(cd "$(dirname "$0")/.." && pwd)
 here=$root/scripts/export_check
 mesh=$1
