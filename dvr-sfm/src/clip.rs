@@ -7,9 +7,9 @@
 use std::path::Path;
 use std::process::Command;
 
-use dvr_core::Cancellation;
 use dvr_core::files::limits::PICTURE_PIXELS;
 use dvr_core::files::write_jpeg;
+use dvr_core::{Cancellation, laplacian_variance};
 use image::RgbImage;
 
 use crate::child::{Heard, Log, Task, run};
@@ -21,6 +21,9 @@ const CANDIDATES: f64 = 5.0;
 
 /// Quality of the frames: their own losses are larger.
 const QUALITY: u8 = 95;
+
+/// Sharpness is measured on means of 2x2 pixels, which hold less of the codec's noise.
+const EDGE: u32 = 2;
 
 /// Bytes of the head of a PPM picture, as ffmpeg writes it.
 const HEAD_BYTES: usize = 64;
@@ -220,34 +223,9 @@ impl<'a> Choice<'a> {
     }
 }
 
-/// The variance of the Laplacian of luma (Pech-Pacheco and others 2000), on means of 2x2 pixels, which hold less of the
-/// codec's noise. Only frames of one clip can be compared.
+/// Only frames of one clip can be compared.
 fn sharpness(frame: &RgbImage) -> f64 {
-    let (width, height) = ((frame.width() / 2) as usize, (frame.height() / 2) as usize);
-    if width < 3 || height < 3 {
-        return 0.0;
-    }
-    let stride = 3 * frame.width() as usize;
-    let raw = frame.as_raw();
-    // ITU-R BT.601, in units of 1/256.
-    let luma = |at: usize| 77 * i64::from(raw[at]) + 150 * i64::from(raw[at + 1]) + 29 * i64::from(raw[at + 2]);
-    let mean = |u: usize, v: usize| {
-        let at = 2 * v * stride + 6 * u;
-        luma(at) + luma(at + 3) + luma(at + stride) + luma(at + stride + 3)
-    };
-    let small: Vec<i64> = (0..height).flat_map(|v| (0..width).map(move |u| mean(u, v))).collect();
-    let (mut sum, mut squares) = (0i128, 0i128);
-    for v in 1..height - 1 {
-        for u in 1..width - 1 {
-            let at = v * width + u;
-            let laplacian = small[at - 1] + small[at + 1] + small[at - width] + small[at + width] - 4 * small[at];
-            sum += i128::from(laplacian);
-            squares += i128::from(laplacian) * i128::from(laplacian);
-        }
-    }
-    let count = ((width - 2) * (height - 2)) as f64;
-    let mean = sum as f64 / count;
-    (squares as f64 / count - mean * mean) / (1024.0 * 1024.0)
+    laplacian_variance(frame, EDGE)
 }
 
 #[cfg(test)]
