@@ -30,6 +30,7 @@
 
 #![warn(missing_docs)]
 
+mod advice;
 mod bilinear;
 mod bvh;
 mod camera;
@@ -76,6 +77,7 @@ mod visibility;
 pub mod voxel;
 mod weighted_median;
 
+pub use advice::{Advice, Orbit, Side, Topic, ViewFigure};
 pub use bilinear::{Bilinear, Linear};
 pub use bvh::{Bvh, NearestPoint, RayHit};
 pub use camera::{Camera, Similarity};
