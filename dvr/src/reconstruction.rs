@@ -70,6 +70,8 @@ pub fn reconstruct_observed(
         let notes = refine_masks(&mut scene, cancellation)?.notes();
         scene.warnings.extend(notes);
     }
+    let advice = scene.advice(cancellation).map_err(dvr_core::Error::from)?;
+    scene.warnings.extend(advice.iter().map(ToString::to_string));
     let run = RunOptions {
         views: Some(views),
         refine_cameras: options.refine_cameras,

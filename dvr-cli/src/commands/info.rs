@@ -1,11 +1,11 @@
-//! `dvr info`: a scene's views, masks and bounds, with warnings.
+//! `dvr info`: a scene's views, masks and bounds, with warnings and what to photograph again.
 
 use std::process::ExitCode;
 
 use anyhow::Result;
 use dvr_core::Cancellation;
 use dvr_core::hull::{Bounds, HullSettings, MaskDistance, OutlineContradictions, VisualHull, silhouette_consistency};
-use dvr_core::{HOLD_OUT_EVERY, Scene, Split, UnitCube, View};
+use dvr_core::{Advice, HOLD_OUT_EVERY, Orbit, Scene, Side, Split, UnitCube, View};
 use serde::Serialize;
 
 use super::masks::are_missing;
@@ -45,6 +45,8 @@ struct Info {
     has_surface_truth: bool,
     has_occupancy_truth: bool,
     warnings: Vec<String>,
+    /// What to photograph again.
+    advice: Vec<Advice>,
 }
 
 #[derive(Serialize)]
@@ -55,6 +57,9 @@ struct ViewInfo {
     height: u32,
     focal_pixels: f64,
     distance: f64,
+    /// The side of the object that the camera looks at.
+    #[serde(flatten)]
+    side: Side,
     /// `None` without a mask.
     object_share: Option<f64>,
     has_depth: bool,
@@ -70,6 +75,7 @@ pub fn run(args: &InfoArgs, cancellation: &Cancellation) -> Result<ExitCode> {
     let mut info = look(&scene, views.rule)?;
     info.warnings.extend(refinement_notes(&refined));
     info.warnings.extend(contradictions(&scene, cancellation)?);
+    info.advice = scene.advice(cancellation)?;
     if let Err(error) = scene.require_masks() {
         info.warnings
             .push(if are_missing(&scene, args.reading.masks.as_ref()) {
@@ -110,7 +116,8 @@ fn look(scene: &Scene, rule: String) -> Result<Info> {
             ));
         }
     }
-    let views = scene.views.iter().zip(&unexplained).map(|(view, &unexplained_share)| {
+    let orbit = Orbit::of(scene);
+    let views = scene.views.iter().zip(&orbit.sides).zip(&unexplained).map(|((view, &side), &unexplained_share)| {
         let (width, height) = view.image.dimensions();
         ViewInfo {
             name: view.name.clone(),
@@ -119,6 +126,7 @@ fn look(scene: &Scene, rule: String) -> Result<Info> {
             height,
             focal_pixels: view.camera.intrinsics.x_axis.x,
             distance: view.camera.center().length() * scene.object_to_world.scale,
+            side,
             object_share: (view.training_mask())
                 .map(|mask| mask.object_pixels() as f64 / (f64::from(width) * f64::from(height))),
             has_depth: view.depth.is_some(),
@@ -144,6 +152,7 @@ fn look(scene: &Scene, rule: String) -> Result<Info> {
         has_surface_truth: scene.ground_truth.surface.is_some(),
         has_occupancy_truth: scene.ground_truth.occupancy.is_some(),
         warnings,
+        advice: Vec::new(),
     })
 }
 
@@ -217,6 +226,9 @@ fn print(info: &Info) {
     println!("  focal       {near:.1} to {far:.1} pixels");
     let (near, far) = range(|v| v.distance);
     println!("  cameras     {near:.4} to {far:.4} from the object's middle (scene units)");
+    let (low, high) = range(|v| v.side.elevation);
+    let first = info.views.first().map_or("", |view| &view.name);
+    println!("  elevation   {low:.0} to {high:.0} degrees; azimuth 0 is `{first}`, counter-clockwise seen from above");
     let shares: Vec<f64> = info.views.iter().filter_map(|view| view.object_share).collect();
     if shares.is_empty() {
         println!("  masks       none");
@@ -247,6 +259,7 @@ fn print(info: &Info) {
     };
     println!("  truth       {truth}");
     print_notes(&info.warnings);
+    print_notes(&info.advice.iter().map(Advice::to_string).collect::<Vec<_>>());
 }
 
 /// The corners of a box.

@@ -8,7 +8,7 @@ use anyhow::{Result, bail};
 use cpu_time::ProcessTime;
 use dvr_core::dataset::{Format, is_object_dataset};
 use dvr_core::files::OutputFolder;
-use dvr_core::{Cancellation, Scene, ViewNames};
+use dvr_core::{Advice, Cancellation, Scene, ViewNames};
 use dvr_report::SourceRun;
 use dvr_train::{
     Checkpoint, Error, Method, Observer, RunFolder, RunMetrics, RunOptions, Stop, ViewMetrics, finish, train,
@@ -88,6 +88,8 @@ fn train_scene(
     }
     scene.require_masks()?;
     method.check_scene(&scene)?;
+    let advice = scene.advice(cancellation)?;
+    scene.warnings.extend(advice.iter().map(Advice::to_string));
     describe(&scene, &views, method);
     let meshing = run_mesh_options(&args.meshing, args.texture, args.preset, cancellation);
     let (needed, shares) = make_room(&mut scene, method, &meshing, &device, args.reading.memory)?;
