@@ -77,7 +77,7 @@ fn a_blurred_a_burnt_and_a_black_picture_are_named_with_figure_threshold_and_pla
 }
 
 #[test]
-fn views_that_are_left_out_leave_a_gap_and_too_little_overlap() {
+fn few_views_have_too_little_overlap() {
     let (_, advice) = Copy::new().told(&["--views", "5"]);
     let topics: Vec<&str> = advice.as_array().unwrap().iter().filter_map(|advice| advice["topic"].as_str()).collect();
     assert!(topics.contains(&"overlap"), "{advice}");
@@ -92,7 +92,7 @@ fn a_run_says_it_in_its_notes_and_its_report() {
         let white = read_rgb(&path).unwrap();
         write_rgb_png(&path, &RgbImage::from_pixel(white.width(), white.height(), image::Rgb([255; 3]))).unwrap();
     }
-    let small = ["--steps", "10", "--capacity", "16", "--resolution", "16", "--no-mask-refinement"];
+    let small = ["--steps", "10", "--capacity", "32", "--resolution", "32", "--no-mask-refinement"];
     let output = dvr(&[&["train", text(&scene), "--out", text(&out)][..], &small].concat());
     succeeds(&output);
     let notes = String::from_utf8_lossy(&output.stderr);
