@@ -30,6 +30,9 @@ pub struct GridConfig {
     pub max_bytes: usize,
     /// Steps of each stage.
     pub steps: usize,
+    /// Passes of as many steps that follow at most at the size that is kept, while the NCC of validation photographs gains;
+    /// none where raw colours count in full, or nothing judges.
+    pub further_passes: usize,
     /// Rays per step, where the object has up to 125 000 pixels in all photographs together.
     pub rays: usize,
     /// Most rays per step: they grow with the square root of the pixels.
@@ -163,6 +166,7 @@ impl GridConfig {
             whole_cells: 128,
             max_bytes: 0,
             steps: 300,
+            further_passes: 3,
             rays: 2048,
             max_rays: 8192,
             losses,

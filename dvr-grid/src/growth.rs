@@ -12,6 +12,10 @@ use dvr_render::ViewMetrics;
 /// A cell that is smaller than this share of a pixel's footprint cannot show more than the pictures do.
 const FINEST_CELL: f64 = 0.5;
 
+/// Gain in NCC score from which on a further pass is kept where the number of cells is given, in standard errors of that
+/// gain.
+const MIN_GAIN_ERRORS: f64 = 2.0;
+
 /// What a stage came to.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Reached {
@@ -103,9 +107,7 @@ impl Growth {
             && cells > min_cells
         {
             let too_little = match (gain, before.validation, validation) {
-                (Some(gain), ..) if gain.mean < min_gain_errors * gain.error => {
-                    Some(format!("{:+.4} +- {:.4} of NCC score", gain.mean, gain.error))
-                }
+                (Some(gain), ..) if gain.mean < min_gain_errors * gain.error => Some(gain.to_string()),
                 (None, Some(old), Some(new)) if new.psnr - old.psnr < min_gain_db => {
                     Some(format!("{:+.2} dB", new.psnr - old.psnr))
                 }
@@ -117,6 +119,19 @@ impl Growth {
             }
         }
         if 2 * cells > self.max_cells { Verdict::Stay } else { Verdict::Grow }
+    }
+
+    /// Whether what a further pass learned is kept: where validation photographs gain more than noise does.
+    pub fn keeps_further(&mut self, config: &GridConfig, cells: usize, gain: Option<Gain>) -> bool {
+        let min_errors = match config.capacity {
+            Capacity::Auto { min_gain_errors, .. } => min_gain_errors,
+            Capacity::Cells(_) => MIN_GAIN_ERRORS,
+        };
+        let is_kept = gain.is_some_and(|gain| gain.mean > min_errors * gain.error);
+        let brought = gain.map_or("nothing that is known".to_owned(), |gain| gain.to_string());
+        let verdict = if is_kept { "are kept" } else { "are not: training ends" };
+        self.notes.push(format!("{} more steps with {cells} cells bring {brought}, and {verdict}", config.steps));
+        is_kept
     }
 
     /// Takes the last decision back: what followed from it was stopped half-way.
@@ -164,6 +179,26 @@ mod tests {
             Growth { max_cells: 256, stages: 4, reached: vec![reached(64, 20.0)], kept: None, notes: Vec::new() };
         let verdict = growth.decide(&config, reached(128, psnr), NccOfStage { mean: Some(0.5), gain });
         (verdict, growth.notes().join("; "))
+    }
+
+    #[test]
+    fn a_further_pass_is_kept_where_its_gain_stands_out_from_noise() {
+        let decided = |capacity, gain| {
+            let config = GridConfig { capacity, ..GridConfig::default() };
+            let mut growth = Growth { max_cells: 64, stages: 2, reached: Vec::new(), kept: None, notes: Vec::new() };
+            let is_kept = growth.keeps_further(&config, 64, gain);
+            (is_kept, growth.notes().join("; "))
+        };
+        let gain = |mean| Some(Gain { mean, error: 0.001 });
+        let patient = Capacity::Auto { min_cells: 64, max_cells: 64, min_gain_errors: -5.0, min_gain_db: 0.1 };
+        for capacity in [GridConfig::default().capacity, Capacity::Cells(64)] {
+            assert!(decided(capacity, gain(0.0021)).0 && !decided(capacity, gain(0.0019)).0);
+            assert!(!decided(capacity, None).0, "nothing judges");
+        }
+        assert!(decided(patient, gain(-0.004)).0, "as the configuration says");
+        let (_, said) = decided(Capacity::Cells(64), gain(0.0004));
+        let expected = "300 more steps with 64 cells bring +0.0004 +- 0.0010 of NCC score, and are not: training ends";
+        assert_eq!(said, expected);
     }
 
     #[test]

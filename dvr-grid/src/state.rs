@@ -17,7 +17,10 @@ const PROGRESS_KEY: &str = "progress";
 /// How far a run has come, besides its steps.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Progress {
-    pub stage: usize,
+    /// Steps done before the present pass.
+    pub pass_start: usize,
+    /// Passes that followed at the size that is kept, this one among them.
+    pub further: usize,
     /// Cells along an edge of the present shape grid.
     pub cells: usize,
     pub reached: Vec<Reached>,

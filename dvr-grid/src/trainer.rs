@@ -54,8 +54,11 @@ pub struct GridTrainer<'a> {
     backend: Box<dyn StepBackend>,
     /// The losses of the last step that was asked for them.
     sums: Option<LossSums>,
-    stage: usize,
     step: usize,
+    /// Steps done before this pass: a stage has one.
+    pass_start: usize,
+    /// Passes that followed at the size that is kept, this one among them.
+    further: usize,
     rays_drawn: u64,
     growth: Growth,
     finished: bool,
@@ -115,8 +118,9 @@ impl<'a> GridTrainer<'a> {
             refinement,
             backend: Box::new(CpuBackend::new(grids)),
             sums: None,
-            stage: 0,
             step: 0,
+            pass_start: 0,
+            further: 0,
             rays_drawn: 0,
             growth,
             finished: false,
@@ -185,9 +189,9 @@ impl<'a> GridTrainer<'a> {
         if !report.loss.is_finite() {
             return Err(Error::Diverged { step: report.step, value: report.loss });
         }
-        if self.step == self.end_of_stage() {
-            match self.end_stage() {
-                // The stage ends when the run is resumed.
+        if self.step == self.end_of_pass() {
+            match self.end_pass() {
+                // The pass ends when the run is resumed.
                 Err(Error::Cancelled(_)) => {}
                 ended => ended?,
             }
@@ -195,15 +199,15 @@ impl<'a> GridTrainer<'a> {
         Ok(report)
     }
 
-    /// Steps done at the end of this stage.
-    fn end_of_stage(&self) -> usize {
-        self.config.steps.saturating_mul(self.stage + 1)
+    /// Steps done at the end of this pass.
+    fn end_of_pass(&self) -> usize {
+        self.pass_start.saturating_add(self.config.steps)
     }
 
     /// Carries out one step; its losses are those of the last step that was asked for them.
     fn carry_out(&mut self) -> Result<StepReport> {
-        let is_last = self.step + 1 == self.end_of_stage();
-        let within = self.step - self.stage * self.config.steps;
+        let is_last = self.step + 1 == self.end_of_pass();
+        let within = self.step - self.pass_start;
         if self.config.exposure == ExposureCorrection::Auto && (within == 0 || self.step == exposure::EARLY) {
             self.solve_exposures()?;
         }
@@ -297,10 +301,9 @@ impl<'a> GridTrainer<'a> {
         if self.refinement.is_hollowed() { ((self.step + 1) as f64 / WARM_UP as f64).min(1.0) } else { 1.0 }
     }
 
-    /// Factor of the step sizes: falls exponentially to `final_rate` in each stage.
-    fn decay(&self) -> f64 {
-        let within = self.step - self.stage * self.config.steps;
-        self.config.final_rate.powf(within as f64 / self.config.steps.max(1) as f64)
+    /// Ends a pass: that of a stage, or one that followed at the size that is kept.
+    fn end_pass(&mut self) -> Result<()> {
+        if self.further == 0 { self.end_stage() } else { self.end_further() }
     }
 
     /// Ends a stage: keeps its result or takes it back, and grows or ends.
@@ -327,14 +330,14 @@ impl<'a> GridTrainer<'a> {
                 let cells = next.cells();
                 self.backend.upload(next)?;
                 self.look_at(cells)?;
-                self.stage += 1;
+                self.pass_start = self.step;
             }
-            Verdict::Stay => self.finished = true,
+            Verdict::Stay => self.go_on()?,
             Verdict::TakeBack => {
                 if let Some(kept) = self.growth.take_back() {
                     self.backend.upload(kept)?;
                 }
-                self.finished = true;
+                self.go_on()?;
             }
         }
         self.notes.extend(self.growth.notes());
@@ -348,7 +351,9 @@ impl<'a> GridTrainer<'a> {
 
     /// Steps after which training is done, as far as is known: it falls where nothing more is gained.
     pub fn total_steps(&self) -> usize {
-        if self.finished { self.step } else { self.config.steps.saturating_mul(self.growth.stages()) }
+        let stages =
+            if self.further == 0 { self.growth.stages().saturating_sub(self.growth.history().0.len()) } else { 1 };
+        if self.finished { self.step } else { self.pass_start.saturating_add(self.config.steps.saturating_mul(stages)) }
     }
 
     /// Metrics on about this many pixels of the validation views; `None` where there are none.
@@ -364,7 +369,8 @@ impl<'a> GridTrainer<'a> {
         let grids = self.backend.grids()?;
         let (reached, kept) = self.growth.history();
         let progress = state::Progress {
-            stage: self.stage,
+            pass_start: self.pass_start,
+            further: self.further,
             cells: grids.cells(),
             reached: reached.to_vec(),
             has_kept: kept.is_some(),
@@ -411,19 +417,21 @@ impl<'a> GridTrainer<'a> {
             return Err(state::misfit());
         }
         state::restore(&state.training, state::PRESENT, &mut grids)?;
+        // A pass is taken back to a grid of its own size, a stage to the one before.
+        let kept = if progress.further == 0 { kept } else { Some(grids.clone()) };
         let mut kept = kept.filter(|_| progress.has_kept);
         if let Some(kept) = &mut kept {
             state::restore(&state.training, state::KEPT, kept)?;
         }
-        self.stage = progress.stage;
+        (self.pass_start, self.further) = (progress.pass_start, progress.further);
         self.trust_colors(f64::from_bits(progress.color_trust));
         self.look_at(grids.cells())?;
         self.expose(progress.exposures)?;
         self.growth.resume(progress.reached, kept);
         (self.finished, self.rays_drawn, self.step) = (progress.finished, progress.rays_drawn, steps);
         self.backend.upload(grids)?;
-        let is_cut_short = !self.finished && steps > 0 && steps == self.end_of_stage();
-        if is_cut_short { self.end_stage() } else { Ok(()) }
+        let is_cut_short = !self.finished && steps > 0 && steps == self.end_of_pass();
+        if is_cut_short { self.end_pass() } else { Ok(()) }
     }
 
     /// What was decided since the last time, for people.
@@ -465,5 +473,6 @@ pub fn stereo_depths(
     Ok(Refinement::new(mask_distances(&train, cancellation)?, &train, &config, cancellation)?.depths)
 }
 
+mod passes;
 #[cfg(test)]
 mod tests;

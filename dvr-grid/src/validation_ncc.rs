@@ -115,6 +115,12 @@ impl NccScores {
     }
 }
 
+impl std::fmt::Display for Gain {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        write!(f, "{:+.4} +- {:.4} of NCC score", self.mean, self.error)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

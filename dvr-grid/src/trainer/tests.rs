@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use dvr_core::dataset::{ReadOptions, read_scene};
-use dvr_core::mesh::{TexturedMesh, shapes};
+use dvr_core::mesh::{Mesh, TexturedMesh, shapes};
 use dvr_core::synth::{SynthConfig, render_dataset};
 
 use super::*;
@@ -11,10 +11,15 @@ use crate::Capacity;
 
 /// A small scene of a torus.
 fn scene(folder: &Path) -> dvr_core::Scene {
-    let torus = TexturedMesh { mesh: shapes::torus(1.0, 0.45, 32, 16), ..TexturedMesh::default() };
-    let few = SynthConfig { views: 8, width: 32, height: 32, ..SynthConfig::default() };
-    render_dataset(&torus, "torus", "rings", folder, &few, &|_, _| ()).unwrap();
-    read_scene(&folder.join("rings/torus"), &ReadOptions::default()).unwrap()
+    rendered(folder, shapes::torus(1.0, 0.45, 32, 16), 32)
+}
+
+/// Eight views of a mesh, of so many pixels along an edge.
+fn rendered(folder: &Path, mesh: Mesh, side: u32) -> dvr_core::Scene {
+    let object = TexturedMesh { mesh, ..TexturedMesh::default() };
+    let few = SynthConfig { views: 8, width: side, height: side, ..SynthConfig::default() };
+    render_dataset(&object, "object", "shapes", folder, &few, &|_, _| ()).unwrap();
+    read_scene(&folder.join("shapes/object"), &ReadOptions::default()).unwrap()
 }
 
 #[test]
@@ -64,6 +69,93 @@ fn a_run_goes_on_from_any_step_as_if_it_had_not_stopped() {
         (done..12).for_each(|_| drop(resumed.step().unwrap()));
         let end = resumed.state().unwrap();
         assert!(end.model == last.model && end.training == last.training, "from step {done}, bit for bit");
+    }
+}
+
+/// A ball whose photographs are noise, dark in one and bright in the next: patches judge, and colours do not agree.
+fn noisy(folder: &Path) -> dvr_core::Scene {
+    let mut scene = rendered(folder, shapes::icosphere(3, 1.0), 40);
+    for (i, view) in scene.views.iter_mut().enumerate() {
+        let (width, height) = view.image.dimensions();
+        let least = if i.is_multiple_of(2) { 128 } else { 0 };
+        let noise = (0..3 * width * height)
+            .map(|at| least + (crate::pixel_order::mix(u64::from(at) ^ (i as u64) << 32) % 128) as u8);
+        view.image = dvr_core::stored(image::RgbImage::from_raw(width, height, noise.collect()).unwrap());
+    }
+    scene
+}
+
+/// Every view trains but the first, which validates. Two stages of `steps` steps, then as many passes as `errors` allows:
+/// the gain that keeps them, in standard errors.
+fn with_passes<'a>(scene: &'a dvr_core::Scene, steps: usize, errors: f64) -> GridTrainer<'a> {
+    let config = GridConfig {
+        steps,
+        further_passes: 2,
+        first_cells: 16,
+        whole_cells: 16,
+        coarsest_cells: 4,
+        capacity: Capacity::Auto { min_cells: 32, max_cells: 32, min_gain_errors: errors, min_gain_db: 0.0 },
+        exposure: ExposureCorrection::Off,
+        ..GridConfig::default()
+    };
+    let views: Vec<&View> = scene.views.iter().collect();
+    GridTrainer::new(views[1..].to_vec(), views[..1].to_vec(), config).unwrap()
+}
+
+#[test]
+fn further_passes_follow_while_they_gain_and_the_one_that_does_not_is_taken_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = noisy(folder.path());
+    let run = |errors: f64| {
+        let mut trainer = with_passes(&scene, 10, errors);
+        let mut grown = None;
+        while trainer.steps_done() < trainer.total_steps() {
+            trainer.step().unwrap();
+            if trainer.steps_done() == 20 {
+                grown = Some(trainer.state().unwrap().model);
+            }
+        }
+        let is_taken_back = grown.unwrap() == trainer.state().unwrap().model;
+        (trainer.steps_done(), is_taken_back, trainer.notes().join("; "))
+    };
+    let (steps, is_taken_back, said) = run(-1000.0);
+    assert!(steps == 40 && !is_taken_back && said.matches("and are kept").count() == 2, "{steps}: {said}");
+    let (steps, is_taken_back, said) = run(1000.0);
+    assert!(steps == 30 && is_taken_back && said.contains("and are not: training ends"), "{steps}: {said}");
+}
+
+#[test]
+fn colours_that_count_in_full_need_no_further_pass() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = scene(folder.path());
+    let mut trainer = with_passes(&scene, 10, -1000.0);
+    while trainer.steps_done() < trainer.total_steps() {
+        trainer.step().unwrap();
+    }
+    assert_eq!((trainer.color_trust, trainer.steps_done()), (1.0, 20));
+}
+
+#[test]
+fn a_further_pass_goes_on_as_if_it_had_not_stopped() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = noisy(folder.path());
+    for (errors, end) in [(-1000.0, 40), (1000.0, 30)] {
+        let (mut unbroken, mut states) = (with_passes(&scene, 10, errors), Vec::new());
+        while unbroken.steps_done() < unbroken.total_steps() {
+            unbroken.step().unwrap();
+            states.push(unbroken.state().unwrap());
+        }
+        assert_eq!(unbroken.steps_done(), end);
+        for done in [19, 20, 21, 25, 29, 30, 31, 39, 40] {
+            let Some(state) = states.get(done - 1) else { continue };
+            let mut resumed = with_passes(&scene, 10, errors);
+            resumed.resume(state, done).unwrap();
+            while resumed.steps_done() < resumed.total_steps() {
+                resumed.step().unwrap();
+            }
+            assert_eq!(resumed.steps_done(), end);
+            assert!(resumed.state().unwrap().training == states[end - 1].training, "from step {done}, bit for bit");
+        }
     }
 }
 

@@ -19,7 +19,7 @@ use crate::methods::record::{CommonSettings, MethodRecord};
 use crate::run::best::Best;
 
 /// Version of the checkpoints that this program writes.
-pub const CHECKPOINT_VERSION: u32 = 7;
+pub const CHECKPOINT_VERSION: u32 = 8;
 
 /// Key of the JSON header among the container's metadata.
 const HEADER_KEY: &str = "dvr-checkpoint";
