@@ -70,5 +70,5 @@ pub use shade::{FieldShader, MeshShader, RenderSettings, Shaded, Shader};
 pub use skip::SkipGrid;
 pub use slope_rule::{SlopeRule, dot};
 pub use surface::Surface;
-pub use view::{Rendering, render_view, rendering_bytes};
+pub use view::{Rendering, render_view, render_view_supersampled, rendering_bytes};
 pub use view_metrics::{ViewMetrics, view_metrics, view_metrics_at_own_exposure};

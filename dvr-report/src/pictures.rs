@@ -7,8 +7,8 @@ use base64::engine::general_purpose::STANDARD;
 use dvr_core::View;
 use dvr_core::metrics::picture::{mask_iou, psnr, ssim};
 use dvr_core::{DepthMap, Mask};
-use dvr_render::{Shader, render_view};
-use dvr_train::preview::{limited, normal_picture, to_rgb8, whitened};
+use dvr_render::Shader;
+use dvr_train::preview::{normal_picture, render_limited, to_rgb8, whitened};
 use image::codecs::jpeg::JpegEncoder;
 use image::codecs::webp::WebPEncoder;
 use image::imageops::{FilterType, resize};
@@ -54,9 +54,8 @@ pub struct ViewPictures {
 /// # Errors
 /// When a picture cannot be encoded.
 pub fn view_pictures(shader: &dyn Shader, view: &View, max_width: u32) -> Result<ViewPictures> {
-    let camera = limited(&view.camera, max_width);
+    let (camera, rendering) = render_limited(shader, &view.camera, max_width);
     let (width, height) = (camera.width, camera.height);
-    let rendering = render_view(shader, &camera);
     let render = to_rgb8(&rendering.color);
     let photo = whitened(view);
     let photo =
@@ -155,7 +154,7 @@ mod tests {
     use dvr_core::mesh::shapes;
     use dvr_core::metrics::picture::MAX_PSNR;
     use dvr_core::{Camera, stored};
-    use dvr_render::MeshShader;
+    use dvr_render::{MeshShader, render_view};
     use glam::DVec3;
 
     use super::*;

@@ -1,7 +1,7 @@
 //! The preview sheet: what went in and what came out, side by side.
 
 use dvr_core::{Camera, DepthMap, View};
-use dvr_render::{Rendering, Shader, render_view};
+use dvr_render::{Rendering, Shader, render_view_supersampled};
 use glam::{DQuat, DVec3};
 use image::imageops::{FilterType, replace, resize};
 use image::{Rgb, Rgb32FImage, RgbImage};
@@ -12,6 +12,9 @@ const GAP: u32 = 4;
 /// Distance of an orbit's camera from the object's middle, in edges of the unit cube.
 const ORBIT_DISTANCE: f64 = 2.2;
 
+/// Rays along the edge of a pixel of a picture that is smaller than its photograph.
+const RAYS_PER_EDGE: u32 = 3;
+
 /// A sheet with a row a view: input (background whitened by the mask), render, depth, normals; at most `max_width`
 /// pixels a picture. Near is bright in depth; normals are in the camera's frame (x right, y up, z towards the viewer).
 pub fn preview_sheet(shader: &dyn Shader, views: &[&View], max_width: u32) -> RgbImage {
@@ -21,8 +24,7 @@ pub fn preview_sheet(shader: &dyn Shader, views: &[&View], max_width: u32) -> Rg
 
 /// One row of a [`preview_sheet`].
 pub fn preview_row(shader: &dyn Shader, view: &View, max_width: u32) -> Vec<RgbImage> {
-    let camera = limited(&view.camera, max_width);
-    let rendering = render_view(shader, &camera);
+    let (camera, rendering) = render_limited(shader, &view.camera, max_width);
     let input = resize(&whitened(view), camera.width, camera.height, FilterType::Triangle);
     vec![input, to_rgb8(&rendering.color), depth_picture(&rendering.depth), normal_picture(&rendering, &camera)]
 }
@@ -46,6 +48,16 @@ pub fn limited(camera: &Camera, max_width: u32) -> Camera {
     }
     let height = (u64::from(camera.height) * u64::from(max_width) / u64::from(camera.width)).max(1) as u32;
     camera.resized(max_width, height)
+}
+
+/// What a camera sees in a picture of at most `max_width` pixels, and the camera of that picture. Where it is smaller than
+/// the camera's own, colours are means over several rays per pixel, as those of a photograph that is shrunk are over its
+/// pixels: fine texture would flicker, and figures would say so.
+pub fn render_limited(shader: &dyn Shader, camera: &Camera, max_width: u32) -> (Camera, Rendering) {
+    let small = limited(camera, max_width);
+    let side = if small.width < camera.width { RAYS_PER_EDGE } else { 1 };
+    let rendering = render_view_supersampled(shader, &small, side);
+    (small, rendering)
 }
 
 /// The view's photograph with everything but the object white.
