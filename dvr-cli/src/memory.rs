@@ -72,6 +72,15 @@ pub fn make_room_for_texture(scene: &mut Scene, needed: HostMemory, memory: Opti
     Ok(share(scene, needed, memory)?.texture)
 }
 
+/// The same for finding masks.
+///
+/// # Errors
+/// As [`make_room`].
+pub fn make_room_for_masks(scene: &mut Scene, memory: Option<u64>) -> Result<()> {
+    let needed = HostMemory::of_work(scene, dvr_segmentation::memory_estimate(&scene.views));
+    share(scene, needed, memory).map(|_| ())
+}
+
 /// Puts photographs into a scratch file that are beyond their share.
 fn share(scene: &mut Scene, needed: HostMemory, allowed: Option<u64>) -> Result<MemoryShares> {
     let shares = needed.within(allowed)?;
@@ -111,6 +120,6 @@ pub fn check_rendering<'a>(
 }
 
 /// `--memory` where it limits the process.
-fn of_process(device: &Device, memory: Option<u64>) -> Option<u64> {
+pub fn of_process(device: &Device, memory: Option<u64>) -> Option<u64> {
     memory.filter(|_| !is_gpu(device))
 }

@@ -155,7 +155,7 @@ fn of_train(error: &TrainError) -> Option<String> {
         TrainError::Texture(error) => return of_texture(error),
         TrainError::StepMemory { rays, .. } => return Some(less_memory(*rays)),
         TrainError::HostMemory { .. } => {
-            "--capacity N (grid), --resolution N, --size N, --set rays=N or --downscale N take less; or allow more with --memory."
+            "--capacity N (grid), --resolution N, --size N, --set rays=N, --downscale N or --views N take less; or allow more with --memory."
         }
         TrainError::OutOfRange(wrong) => return Some(another_value(wrong)),
         TrainError::UnknownKey { .. } | TrainError::BadConfig { .. } => {

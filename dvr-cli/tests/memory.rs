@@ -62,6 +62,18 @@ fn what_there_is_no_memory_for_is_refused_with_what_is_needed_and_a_remedy() {
 }
 
 #[test]
+fn masks_that_there_is_no_memory_to_find_are_refused_and_nothing_is_made() {
+    let tiny = Tiny::new();
+    let (scene, run, masks) = (tiny.scene(), tiny.path("run"), tiny.path("masks"));
+    std::fs::remove_dir_all(scene.join("mask")).unwrap();
+    let parts = ["MB of memory are needed", "--memory"];
+    let (scene, little) = (text(&scene).to_owned(), ["--memory", "150M"]);
+    refuses(&dvr(&[&["masks", &scene, "--out", text(&masks)][..], &little].concat()), &parts);
+    refuses(&dvr(&[&["train", &scene, "--out", text(&run)][..], &little].concat()), &parts);
+    assert!(!run.exists() && !masks.exists(), "nothing half-written");
+}
+
+#[test]
 fn a_texture_that_there_is_no_memory_for_is_refused_before_anything_is_made() {
     let tiny = Tiny::new();
     let (scene, run, large) = (tiny.scene(), tiny.path("run"), ["--texture", "8192", "--memory", "1G"]);

@@ -10,6 +10,9 @@ use crate::shrunk::Shrunk;
 /// Bins along a channel.
 const BINS: usize = 20;
 
+/// Bytes of a model: a number for each bin of each tile.
+pub(crate) const MODEL_BYTES: u64 = (4 * TILES * TILES * BINS * BINS * BINS) as u64;
+
 /// Colours that were never seen are as frequent as if this share of all were spread evenly.
 const UNSEEN: f32 = 0.02;
 

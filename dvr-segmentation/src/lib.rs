@@ -20,6 +20,7 @@
 mod color_model;
 mod error;
 mod evidence;
+mod memory;
 mod outline;
 mod parts;
 mod plane_sweep;
@@ -29,6 +30,7 @@ mod support_plane;
 mod volume;
 
 pub use error::SegmentationError;
+pub use memory::memory_estimate;
 pub use segment::{Segmentation, segment};
 pub use support_plane::SupportPlane;
 

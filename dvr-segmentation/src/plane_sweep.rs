@@ -13,6 +13,9 @@ use crate::shrunk::Shrunk;
 /// Planes before a camera, evenly spaced in inverse depth.
 const PLANES: usize = 64;
 
+/// Bytes of a pixel while its view is swept: the best two correlations on each plane.
+pub(crate) const SWEPT_PIXEL: u64 = 8 * PLANES as u64;
+
 /// Half the side of the windows that are compared, pixels.
 const HALF: usize = 2;
 

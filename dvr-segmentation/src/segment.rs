@@ -18,13 +18,13 @@ use crate::support_plane::SupportPlane;
 use crate::volume::{Cube, Volume};
 
 /// Longer side of the pictures that are worked on, pixels.
-const WORKING_SIZE: u32 = 200;
+pub(crate) const WORKING_SIZE: u32 = 200;
 
 /// Longer side of the pictures in which outlines are drawn at last, pixels.
-const FINAL_SIZE: u32 = 800;
+pub(crate) const FINAL_SIZE: u32 = 800;
 
 /// Nodes along an edge of the volume, round by round.
-const NODES: [usize; 5] = [65, 65, 97, 97, 97];
+pub(crate) const NODES: [usize; 5] = [65, 65, 97, 97, 97];
 
 /// From this round on only the cube around what was found is looked at, with a margin of this share.
 const CLOSER: usize = 2;

@@ -12,6 +12,7 @@ use dvr_train::Observer;
 
 use super::{SceneReading, print_notes};
 use crate::args::{MasksArgs, MasksFrom};
+use crate::memory::make_room_for_masks;
 use crate::progress::Progress;
 
 /// Finds and writes.
@@ -20,13 +21,14 @@ pub fn run(args: &MasksArgs, cancellation: &Cancellation) -> Result<ExitCode> {
     OutputFolder::check::<&str>(&args.out, FolderKind::Masks, claim, &[])?;
     let reading = SceneReading::of_arguments(&args.reading);
     let divide = |scene: &mut Scene| Ok(scene.hold_out(HOLD_OUT_EVERY));
-    let (scene, ..) = reading.read(&args.scene, divide, cancellation)?;
+    let (mut scene, ..) = reading.read(&args.scene, divide, cancellation)?;
     let without = scene.views.iter().filter(|view| view.mask.is_none()).count();
     if without < scene.views.len() {
         let have = scene.views.len() - without;
         bail!("{}: {have} of {} views have masks; these are used as they are", args.scene.display(), scene.views.len());
     }
     print_notes(&scene.warnings);
+    make_room_for_masks(&mut scene, args.reading.memory)?;
     let found = find(&scene, cancellation)?;
     let mut folder = OutputFolder::claim::<&str>(&args.out, FolderKind::Masks, claim, &[])?;
     write(&found, &scene, &mut folder, &args.out, Path::new(""))?;

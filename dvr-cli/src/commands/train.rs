@@ -27,7 +27,7 @@ use super::texture::sentence;
 use super::{SceneReading, print_notes, refinement_notes, run_mesh_options, scene_of_run, train_objects};
 use crate::args::TrainArgs;
 use crate::commands::report::write_report;
-use crate::memory::{limit_training, make_room};
+use crate::memory::{limit_training, make_room, make_room_for_masks, of_process};
 use crate::progress::Progress;
 
 /// Reconstructs a scene, or learns from a dataset, as the path and the arguments say.
@@ -82,6 +82,7 @@ fn train_scene(
     let (mut scene, mut reading, mut views) = read(args, start.resumed.as_ref(), method, cancellation)?;
     let mut writing = None;
     if start.resumed.is_none() && are_missing(&scene, args.reading.masks.as_ref()) {
+        make_room_for_masks(&mut scene, of_process(&device, args.reading.memory))?;
         let (taken, masks) = found_masks(&scene, &mut start, method, cancellation)?;
         writing = Some(taken);
         (scene, reading, views) = read_with(args, Some(masks), method, cancellation)?;

@@ -61,6 +61,11 @@ impl HostMemory {
         Self::new(scene, FACE * faces as u64, Some(texture), views)
     }
 
+    /// Of work on the photographs of a scene that takes this many bytes beside them.
+    pub fn of_work(scene: &Scene, bytes: u64) -> Self {
+        Self::new(scene, bytes, None, &[])
+    }
+
     fn new(scene: &Scene, mesh: u64, texture: Option<&TextureSettings>, views: &[&View]) -> Self {
         let rest = PROGRAM + depth_bytes(scene) + mesh;
         Self {
