@@ -31,3 +31,28 @@ pub fn memory_estimate(views: &[View]) -> u64 {
     let nodes = NODES.into_iter().max().unwrap_or(0) as u64;
     views.iter().map(|view| of_view(view) + of_mask(view)).sum::<u64>() + threads * of_thread + nodes.pow(3) * NODE
 }
+
+#[cfg(test)]
+mod tests {
+    use dvr_core::{Camera, stored};
+    use glam::DVec3;
+    use image::RgbImage;
+
+    use super::*;
+
+    #[test]
+    fn a_view_of_a_million_pixels_takes_ten_megabytes_and_a_small_one_less() {
+        let views = |count: usize, side: u32| -> Vec<View> {
+            let picture = stored(RgbImage::new(side, side));
+            let camera = Camera::look_at(side, side, f64::from(side), DVec3::Z, DVec3::ZERO, DVec3::Y);
+            (0..count).map(|i| View::new(format!("{i}"), camera.clone(), picture.clone(), None)).collect()
+        };
+        // One thread, whose share does not grow with the views.
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+        let of_one = |side: u32| {
+            pool.install(|| memory_estimate(&views(5, side)) - memory_estimate(&views(4, side))) as f64 / 1e6
+        };
+        assert!((of_one(1000) - 10.0).abs() < 1.0, "{}", of_one(1000));
+        assert!((of_one(100) - 7.0).abs() < 0.5, "{}", of_one(100));
+    }
+}
