@@ -26,12 +26,12 @@ pub(crate) struct Reached {
     pub validation: Option<ViewMetrics>,
 }
 
-/// The shape of a stage, by the NCC of validation photographs.
+/// The shape at the end of a pass, by the NCC of validation photographs.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct NccOfStage {
+pub(crate) struct NccOfPass {
     /// Mean score; `None` where these photographs are plain or there are none.
     pub mean: Option<f64>,
-    /// How much better than at the stage before.
+    /// How much better than what was kept before it.
     pub gain: Option<Gain>,
 }
 
@@ -83,8 +83,8 @@ impl Growth {
     }
 
     /// Decides after a stage.
-    pub fn decide(&mut self, config: &GridConfig, now: Reached, ncc: NccOfStage) -> Verdict {
-        let (Reached { cells, parameters, bytes, validation }, NccOfStage { mean, gain }) = (now, ncc);
+    pub fn decide(&mut self, config: &GridConfig, now: Reached, ncc: NccOfPass) -> Verdict {
+        let (Reached { cells, parameters, bytes, validation }, NccOfPass { mean, gain }) = (now, ncc);
         let mut metrics =
             validation.map_or(String::new(), |v| format!(", validation {:.2} dB, IoU {:.4}", v.psnr, v.mask_iou));
         metrics += &mean.map_or(String::new(), |mean| format!(", NCC score {mean:.4}"));
@@ -177,7 +177,7 @@ mod tests {
         let reached = |cells, psnr| Reached { cells, parameters: 1, bytes: 1, validation: metrics(psnr) };
         let mut growth =
             Growth { max_cells: 256, stages: 4, reached: vec![reached(64, 20.0)], kept: None, notes: Vec::new() };
-        let verdict = growth.decide(&config, reached(128, psnr), NccOfStage { mean: Some(0.5), gain });
+        let verdict = growth.decide(&config, reached(128, psnr), NccOfPass { mean: Some(0.5), gain });
         (verdict, growth.notes().join("; "))
     }
 

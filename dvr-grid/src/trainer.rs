@@ -15,7 +15,7 @@ use crate::config::{ColorTrust, DisagreeingViews, ExposureCorrection, GridConfig
 use crate::error::{Error, Result};
 use crate::exposure;
 use crate::field::GridField;
-use crate::growth::{Growth, NccOfStage, Reached, Verdict};
+use crate::growth::{Growth, NccOfPass, Reached, Verdict};
 use crate::losses::LossSums;
 use crate::multires::Grids;
 use crate::picture_pyramid::{PicturePyramid, PyramidLevel};
@@ -306,20 +306,25 @@ impl<'a> GridTrainer<'a> {
         if self.further == 0 { self.end_stage() } else { self.end_further() }
     }
 
+    /// The shape of these grids, by the NCC of validation photographs, and how much better it is than what was kept.
+    fn ncc(&self, grids: &Grids) -> NccOfPass {
+        let scores = |grids: &Grids| self.validation_ncc.as_ref().map(|ncc| ncc.scores(grids));
+        let (now, before) = (scores(grids), self.growth.history().1.and_then(scores));
+        NccOfPass {
+            mean: now.as_ref().map(NccScores::mean),
+            gain: now.zip(before).map(|(now, before)| now.gain_over(&before)),
+        }
+    }
+
     /// Ends a stage: keeps its result or takes it back, and grows or ends.
     fn end_stage(&mut self) -> Result<()> {
         let grids = self.backend.grids()?;
-        let scores = |grids: &Grids| self.validation_ncc.as_ref().map(|ncc| ncc.scores(grids));
-        let (now, before) = (scores(&grids), self.growth.history().1.and_then(scores));
+        let ncc = self.ncc(&grids);
         let reached = Reached {
             cells: grids.cells(),
             parameters: grids.parameters(),
             bytes: grids.field_bytes()?.len(),
             validation: self.validated(&grids.field(), GROWTH_PIXELS),
-        };
-        let ncc = NccOfStage {
-            mean: now.as_ref().map(NccScores::mean),
-            gain: now.zip(before).map(|(now, before)| now.gain_over(&before)),
         };
         self.cancellation.check()?;
         match self.growth.decide(&self.config, reached, ncc) {

@@ -34,9 +34,7 @@ impl GridTrainer<'_> {
     /// Ends a further pass: takes it back and finishes where it gained nothing that stands out from the noise.
     pub(super) fn end_further(&mut self) -> Result<()> {
         let grids = self.backend.grids()?;
-        let scores = |grids| self.validation_ncc.as_ref().map(|ncc| ncc.scores(grids));
-        let (now, before) = (scores(&grids), self.growth.history().1.and_then(scores));
-        let gain = now.zip(before).map(|(now, before)| now.gain_over(&before));
+        let gain = self.ncc(&grids).gain;
         self.cancellation.check()?;
         let is_kept = self.growth.keeps_further(&self.config, grids.cells(), gain);
         self.notes.extend(self.growth.notes());
