@@ -10,15 +10,15 @@ use crate::settings::{TextureSettings, TextureSize};
 use crate::solve::Sample;
 use crate::view_buffer::{ViewBuffer, stride};
 
-/// Bytes of a texel: its colour, and the moves of a step of the least squares before, while and after they are smoothed.
-/// Eight are to spare.
-const TEXEL: u64 = (size_of::<Vec3>() + 3 * size_of::<Vec4>() + 8) as u64;
+/// Bytes of a texel: its colour, and the levels that fill what is not seen, which take four thirds of the first. Steps of
+/// the least squares take less. Eight are to spare.
+const TEXEL: u64 = (size_of::<Vec3>() + size_of::<Vec4>() * 4 / 3 + 1 + 8) as u64;
 
 /// Bytes of a cell of a z-buffer: depth and face.
 const CELL: u64 = (size_of::<f32>() + size_of::<u32>()) as u64;
 
-/// Bytes of a pixel on the texture, which is there by photograph and by band while pixels are put into bands.
-const PIXEL: u64 = 2 * size_of::<Sample>() as u64;
+/// Bytes of a pixel on the texture. Half as much again is there while photographs put theirs into bands, one by one.
+const PIXEL: u64 = (size_of::<Sample>() * 3 / 2) as u64;
 
 /// The surface of an object in parts of what a photograph shows of it: twice the four (Cauchy) that it is of a convex one
 /// in the mean over all sides.
@@ -94,7 +94,7 @@ impl TextureMemory {
 
 impl TextureSettings {
     /// Bytes that a texture from these views takes while it is made, at most, about, beside the photographs and the mesh:
-    /// 68 per texel, 8 per pixel of the photographs (of those beyond 64 million, cells of several pixels), and 56 per
+    /// 42 per texel, 8 per pixel of the photographs (of those beyond 64 million, cells of several pixels), and 30 per
     /// pixel that shows the object.
     ///
     /// An automatic size follows from the mesh, which is not known here: it is taken for that of an object with twice the
@@ -128,11 +128,11 @@ mod tests {
     fn the_estimate_grows_with_texels_pixels_and_what_shows_the_object() {
         let of = |size: u32, views: &[&View]| settings(TextureSize::Texels(size), u64::MAX).memory_estimate(views);
         let (quarter, half, all) = (view(Some(25)), view(Some(50)), view(None));
-        assert_eq!((TEXEL, CELL, PIXEL), (68, 8, 56));
-        assert_eq!(of(256, &[]), 68 * 256 * 256);
-        assert_eq!(of(512, &[&quarter]), 68 * 512 * 512 + 8 * 8000 + 56 * 2000);
-        assert_eq!(of(512, &[&quarter, &half]), 68 * 512 * 512 + 8 * 16_000 + 56 * 6000);
-        assert_eq!(of(512, &[&all]), 68 * 512 * 512 + 64 * 8000, "a view without a mask may show the mesh anywhere");
+        assert_eq!((TEXEL, CELL, PIXEL), (42, 8, 30));
+        assert_eq!(of(256, &[]), 42 * 256 * 256);
+        assert_eq!(of(512, &[&quarter]), 42 * 512 * 512 + 8 * 8000 + 30 * 2000);
+        assert_eq!(of(512, &[&quarter, &half]), 42 * 512 * 512 + 8 * 16_000 + 30 * 6000);
+        assert_eq!(of(512, &[&all]), 42 * 512 * 512 + 38 * 8000, "a view without a mask may show the mesh anywhere");
     }
 
     #[test]
@@ -142,7 +142,7 @@ mod tests {
         let (eight, nine) = (large(8000), large(9000));
         assert_eq!((stride(&[&eight]), stride(&[&nine])), (1, 2));
         let memory = TextureMemory::new(&[&nine], &TextureSettings::default(), u64::MAX);
-        assert_eq!(memory.pixels, 64 * 4500 * 4500);
+        assert_eq!(memory.pixels, 38 * 4500 * 4500);
     }
 
     #[test]
@@ -150,8 +150,8 @@ mod tests {
         // Eight times 8000 pixels on two fifths of the texture: 400 texels along the edge.
         let whole = view(Some(100));
         let of = |max_bytes: u64| settings(TextureSize::Auto, max_bytes).memory_estimate(&[&whole]);
-        let pixels = 64 * 8000;
-        let texture = |size: u64| 68 * size * size + pixels;
+        let pixels = 38 * 8000;
+        let texture = |size: u64| 42 * size * size + pixels;
         assert_eq!([u64::MAX, texture(512), texture(512) - 1].map(of), [512, 512, 256].map(texture));
         let memory = TextureMemory::new(&[&whole], &TextureSettings::default(), texture(2048));
         assert_eq!([8192, 4096, 2048, 256].map(|size| memory.fitting(size)), [2048, 2048, 2048, 256]);
@@ -161,8 +161,8 @@ mod tests {
     fn cells_are_widened_where_pixels_take_more_than_half_of_the_memory() {
         let whole = view(Some(100));
         let of = |allowed: u64| TextureMemory::new(&[&whole], &TextureSettings::default(), allowed);
-        // Cells of 1, 2 and 3 pixels: 64 bytes each, and at the border of three pixels some that are not full.
-        let pixels = [64 * 8000, 64 * 2000, 8 * 34 * 27 + 56 * 889];
+        // Cells of 1, 2 and 3 pixels: 38 bytes each, and at the border of three pixels some that are not full.
+        let pixels = [38 * 8000, 38 * 2000, 8 * 34 * 27 + 30 * 889];
         for (k, pixels) in pixels.into_iter().enumerate() {
             let memory = of(2 * pixels);
             assert_eq!((memory.stride as usize, memory.pixels), (k + 1, pixels));
@@ -176,12 +176,12 @@ mod tests {
     #[test]
     fn what_does_not_fit_is_refused_with_both_figures() {
         let whole = view(Some(100));
-        let needed = 68 * 512 * 512 + 64 * 8000;
+        let needed = 42 * 512 * 512 + 38 * 8000;
         let asked = settings(TextureSize::Texels(512), u64::MAX);
         assert!(TextureMemory::new(&[&whole], &asked, needed).check(512).is_ok());
         let error = TextureMemory::new(&[&whole], &asked, needed - 1).check(512).unwrap_err();
         let TextureError::Memory { size, needed: found, allowed } = error else { panic!("{error}") };
         assert_eq!((size, found, allowed), (512, needed, needed - 1));
-        assert!(error.to_string().contains("18 MB"), "{error}");
+        assert!(error.to_string().contains("11 MB"), "{error}");
     }
 }

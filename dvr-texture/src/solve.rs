@@ -18,23 +18,41 @@ use crate::view_buffer::NOTHING;
 /// Rows of texels that are summed one after the other: bands do not depend on the number of threads.
 const BAND: u32 = 32;
 
-/// One pixel on the texture.
+/// One pixel on the texture. There are as many as all photographs have together: fractions and colours take 16 bits.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Sample {
     /// The texel up and left of the place.
     texel: u32,
-    /// How far the place is from it, to the right and down.
-    fraction: [f32; 2],
-    color: Vec3,
     weight: f32,
+    /// How far the place is from it, to the right and down, in parts of [`u16::MAX`].
+    fraction: [u16; 2],
+    /// The colour, in parts of [`u16::MAX`].
+    color: [u16; 3],
+}
+
+/// A number in `[0, 1]` as its nearest of 16 bits.
+fn to_bits(value: f32) -> u16 {
+    (value * f32::from(u16::MAX)).round() as u16
+}
+
+fn from_bits(bits: u16) -> f32 {
+    f32::from(bits) / f32::from(u16::MAX)
 }
 
 impl Sample {
+    fn new(texel: u32, fraction: [f32; 2], color: Vec3, weight: f32) -> Self {
+        Self { texel, weight, fraction: fraction.map(to_bits), color: color.to_array().map(to_bits) }
+    }
+
+    fn color(&self) -> Vec3 {
+        self.color.map(from_bits).into()
+    }
+
     /// The four texels and their weights.
     #[inline]
     fn corners(&self, size: u32) -> ([usize; 4], [f32; 4]) {
         let (first, size) = (self.texel as usize, size as usize);
-        let [s, t] = self.fraction;
+        let [s, t] = self.fraction.map(from_bits);
         let weights = [(1.0 - s) * (1.0 - t), s * (1.0 - t), (1.0 - s) * t, s * t];
         ([first, first + 1, first + size, first + size + 1], weights)
     }
@@ -63,21 +81,29 @@ impl Samples {
     ) -> Result<Self, Cancelled> {
         let of_view = |photograph: &Photograph| {
             cancellation.check()?;
-            Ok(samples_of(mesh, normals, atlas, photograph))
+            let mut samples = samples_of(mesh, normals, atlas, photograph);
+            samples.shrink_to_fit();
+            Ok(samples)
         };
         let by_view: Vec<Vec<Sample>> = photographs.par_iter().map(of_view).collect::<Result<_, Cancelled>>()?;
-        let mut bands = vec![Vec::new(); atlas.size.div_ceil(BAND) as usize];
+        let band = |sample: &Sample| (sample.texel / atlas.size / BAND) as usize;
+        let mut counts = vec![0; atlas.size.div_ceil(BAND) as usize];
+        by_view.iter().flatten().for_each(|sample| counts[band(sample)] += 1);
+        // Each photograph's samples are freed when they are in bands: no more than one is there twice.
+        let mut bands: Vec<Vec<Sample>> = counts.into_iter().map(Vec::with_capacity).collect();
         for samples in by_view {
-            samples.into_iter().for_each(|sample| bands[(sample.texel / atlas.size / BAND) as usize].push(sample));
+            samples.into_iter().for_each(|sample| bands[band(&sample)].push(sample));
         }
         Ok(Self { size: atlas.size, bands })
     }
 
     /// Takes steps towards the least squares.
     pub fn descend(&self, colors: &mut [Vec3], steps: usize, cancellation: &Cancellation) -> Result<(), Cancelled> {
+        let mut moves = vec![Vec4::ZERO; colors.len()];
         for _ in 0..steps {
             cancellation.check()?;
-            let moves = smoothed(&self.moves(colors), self.size as usize);
+            self.find_moves(colors, &mut moves);
+            smooth(&mut moves, self.size as usize);
             colors.par_iter_mut().zip(&moves).for_each(|(color, step)| {
                 if step.w > 1e-12 {
                     *color = (*color + RELAXATION * step.truncate() / step.w).clamp(Vec3::ZERO, Vec3::ONE);
@@ -87,14 +113,14 @@ impl Samples {
         Ok(())
     }
 
-    /// For each texel the weighted sum of what its pixels lack, and the sum of the weights.
-    fn moves(&self, colors: &[Vec3]) -> Vec<Vec4> {
+    /// Finds for each texel the weighted sum of what its pixels lack, and the sum of the weights.
+    fn find_moves(&self, colors: &[Vec3], moves: &mut [Vec4]) {
         let row = self.size as usize;
         let rows = BAND as usize * row;
-        let mut moves = vec![Vec4::ZERO; colors.len()];
+        moves.par_iter_mut().for_each(|step| *step = Vec4::ZERO);
         // A band reaches into the first row of the next one: even bands first, then odd ones, each with a row more.
         for parity in 0..2 {
-            let mut rest = moves.as_mut_slice();
+            let mut rest = &mut *moves;
             let mut parts = Vec::new();
             if parity == 1 {
                 rest = rest.get_mut(rows..).unwrap_or_default();
@@ -110,7 +136,7 @@ impl Samples {
             parts.into_par_iter().for_each(|(band, part)| {
                 let first = band * rows;
                 for sample in &self.bands[band] {
-                    let lack = sample.color - sample.value(colors, self.size);
+                    let lack = sample.color() - sample.value(colors, self.size);
                     let (texels, weights) = sample.corners(self.size);
                     for (texel, weight) in texels.into_iter().zip(weights) {
                         part[texel - first] += sample.weight * weight * lack.extend(1.0);
@@ -118,26 +144,41 @@ impl Samples {
                 }
             });
         }
-        moves
     }
 }
 
 /// The share of a step that is taken; SIRT converges below 2.
 const RELAXATION: f32 = 1.5;
 
-/// Means with the neighbours' by the binomial `1 2 1`, in both directions: a texel between pixels moves with them.
-fn smoothed(moves: &[Vec4], size: usize) -> Vec<Vec4> {
-    let along = |moves: &[Vec4], stride: usize, position: fn(usize, usize) -> usize| -> Vec<Vec4> {
-        let at = |i: usize| {
-            let place = position(i, size);
-            let before = if place > 0 { moves[i - stride] } else { Vec4::ZERO };
-            let after = if place + 1 < size { moves[i + stride] } else { Vec4::ZERO };
-            before + 2.0 * moves[i] + after
-        };
-        (0..moves.len()).into_par_iter().map(at).collect()
+/// Sums with the neighbours' by the binomial `1 2 1`, in both directions: a texel between pixels moves with them. In
+/// place, since a texture may take most of what memory there is.
+fn smooth(moves: &mut [Vec4], size: usize) {
+    moves.par_chunks_mut(size).for_each(|row| {
+        let mut before = Vec4::ZERO;
+        for i in 0..size {
+            let (own, after) = (row[i], row.get(i + 1).copied().unwrap_or_default());
+            row[i] = before + 2.0 * own + after;
+            before = own;
+        }
+    });
+    // Bands of rows, with copies of the rows beside them as they were.
+    let rows = BAND as usize * size;
+    let beside = |at: Option<usize>| {
+        let row = at.and_then(|at| moves.get(at..at + size));
+        row.map_or_else(|| vec![Vec4::ZERO; size], <[Vec4]>::to_vec)
     };
-    let across = along(moves, 1, |i, size| i % size);
-    along(&across, size, |i, size| i / size)
+    let starts = (0..moves.len()).step_by(rows.max(1));
+    let rims: Vec<[Vec<Vec4>; 2]> =
+        starts.map(|start| [beside(start.checked_sub(size)), beside(Some(start + rows))]).collect();
+    moves.par_chunks_mut(rows).zip(rims).for_each(|(band, [mut before, below])| {
+        for start in (0..band.len()).step_by(size) {
+            for (i, before) in before.iter_mut().enumerate() {
+                let (own, after) = (band[start + i], band.get(start + size + i).copied().unwrap_or(below[i]));
+                band[start + i] = *before + 2.0 * own + after;
+                *before = own;
+            }
+        }
+    });
 }
 
 fn samples_of(mesh: &Mesh, normals: &[Vec3], atlas: &Atlas, photograph: &Photograph) -> Vec<Sample> {
@@ -175,7 +216,7 @@ fn sample_at(
     let at = dvr_core::Bilinear::at_single(place, (atlas.size, atlas.size))?;
     let (u, v) = at.pixels[0];
     let texel = v * atlas.size + u;
-    Some(Sample { texel, fraction: at.fraction, color, weight: sight.quality })
+    Some(Sample::new(texel, at.fraction, color, sight.quality))
 }
 
 #[cfg(test)]
@@ -191,13 +232,13 @@ mod tests {
             let at = dvr_core::Bilinear::at_single(place, (80, 80)).unwrap();
             let (u, v) = at.pixels[0];
             let color = Vec3::new(place.x, place.y, 40.0) / 80.0;
-            bands[(v / BAND) as usize].push(Sample { texel: v * 80 + u, fraction: at.fraction, color, weight: 1.0 });
+            bands[(v / BAND) as usize].push(Sample::new(v * 80 + u, at.fraction, color, 1.0));
         }
         Samples { size: 80, bands }
     }
 
     fn error(samples: &Samples, colors: &[Vec3]) -> f32 {
-        let of = |sample: &Sample| sample.value(colors, 80).distance_squared(sample.color);
+        let of = |sample: &Sample| sample.value(colors, 80).distance_squared(sample.color());
         samples.bands.iter().flatten().map(of).sum()
     }
 
@@ -211,6 +252,26 @@ mod tests {
         samples.descend(&mut colors, 20, &Cancellation::default()).unwrap();
         let after = error(&samples, &colors);
         assert!(once < 0.3 * before && after < 1e-3 * before, "{before} {once} {after}");
+    }
+
+    #[test]
+    fn smoothing_in_place_sums_nine_neighbours() {
+        // More rows than a band has, and not a whole number of bands.
+        let size = 80;
+        let moves: Vec<Vec4> = (0..size * size).map(|i| Vec4::splat(((i * 7919) % 101) as f32)).collect();
+        let mut smoothed = moves.clone();
+        smooth(&mut smoothed, size);
+        let at = |u: i32, v: i32| {
+            let inside = (0..size as i32).contains(&u) && (0..size as i32).contains(&v);
+            if inside { moves[v as usize * size + u as usize] } else { Vec4::ZERO }
+        };
+        for (i, found) in smoothed.iter().enumerate() {
+            let (u, v) = ((i % size) as i32, (i / size) as i32);
+            let binomial = [(-1, 1.0), (0, 2.0), (1, 1.0)];
+            let along = |v: i32| -> Vec4 { binomial.iter().map(|&(k, weight)| weight * at(u + k, v)).sum() };
+            let expected: Vec4 = binomial.iter().map(|&(k, weight)| weight * along(v + k)).sum();
+            assert_eq!(*found, expected, "texel {u}, {v}");
+        }
     }
 
     #[test]
