@@ -59,7 +59,7 @@ fn a_mesh_of_few_faces_is_made_of_a_run_with_its_texture() {
 
 #[test]
 fn a_run_with_a_budget_says_what_it_cost() {
-    let (_tiny, run) = trained(&["--faces", "300", "--no-report"]);
+    let (tiny, run) = trained(&["--faces", "300", "--no-report"]);
     let metrics = metrics(&run);
     let simplification = &metrics["simplification"];
     assert!(metrics["mesh"][1].as_u64().unwrap() <= 300, "{}", metrics["mesh"]);
@@ -68,6 +68,13 @@ fn a_run_with_a_budget_says_what_it_cost() {
     assert!(mean > 0.0 && mean < max && max < 0.3, "{mean}, {max}: a torus of 2.9 units");
     let glb = read_mesh(run.join("mesh.glb")).unwrap();
     assert!(has_texture(&glb) && glb.mesh.faces.len() <= 300);
+    assert_eq!(normal_map(&run.join("mesh.glb")), (true, true, true));
+    let map = &metrics["texture"]["normal_map"];
+    assert!(map["size"].as_u64().unwrap() >= 64 && map["met"].as_f64().unwrap() > 0.8, "{map}");
+    let lit = tiny.path("lit.glb");
+    let arguments = ["mesh", text(&run), "--resolution", "48", "--faces", "300", "--look", "material"];
+    let said = succeeds(&dvr(&[&arguments[..], &["--out", text(&lit)]].concat()));
+    assert!(said.contains("normal map: ") && normal_map(&lit) == (true, true, false), "{said}");
     let ply = read_mesh(run.join("mesh.ply")).unwrap().mesh;
     assert_eq!((ply.faces.len(), ply.open_edges()), (glb.mesh.faces.len(), 0));
 }
@@ -88,6 +95,53 @@ fn any_mesh_is_simplified_before_it_gets_a_texture() {
     let arguments = ["texture", text(&out), "--data", text(&scene), "--out", text(&again), "--faces", "200"];
     let said = succeeds(&dvr(&arguments));
     assert!(said.contains("to 200 faces, watertight"), "{said}");
+}
+
+/// The JSON of a GLB, and its data.
+fn parts(glb: &Path) -> (serde_json::Value, Vec<u8>) {
+    let mut bytes = std::fs::read(glb).unwrap();
+    let length = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
+    let data = bytes.split_off(20 + length);
+    (serde_json::from_slice(&bytes[20..]).unwrap(), data)
+}
+
+/// Whether a GLB has a normal map, and tangents with normals, and is unlit.
+fn normal_map(glb: &Path) -> (bool, bool, bool) {
+    let json = parts(glb).0;
+    let attributes = &json["meshes"][0]["primitives"][0]["attributes"];
+    let material = &json["materials"][0];
+    let has_map = material["normalTexture"]["index"] == 1 && json["images"][1]["name"] == "normal_map";
+    (has_map, attributes["TANGENT"].is_u64() && attributes["NORMAL"].is_u64(), material.get("extensions").is_some())
+}
+
+#[test]
+fn a_simplified_mesh_with_a_texture_has_the_normals_of_the_full_one_as_a_texture() {
+    let ball = shapes::icosphere(4, 1.0);
+    let tiny = Tiny::rendered(ball.clone(), 12, 32);
+    let (bare, scene) = (tiny.path("bare.ply"), tiny.scene());
+    write_mesh(&bare, &Mesh { normals: None, ..ball }).unwrap();
+    let made = |name: &str, more: &[&str]| {
+        let out = tiny.path(name);
+        let arguments = ["texture", text(&bare), "--data", text(&scene), "--size", "512", "--out", text(&out)];
+        (succeeds(&dvr(&[&arguments[..], more].concat())), out)
+    };
+    let (said, glb) = made("on.glb", &["--faces", "500"]);
+    assert!(said.contains("normal map: 256x256 texels, the full mesh met along the normals at"), "{said}");
+    assert_eq!(normal_map(&glb), (true, true, true), "the colours are still shown as they are");
+    assert!(has_texture(&read_mesh(&glb).unwrap()));
+    let lit = made("lit.glb", &["--faces", "500", "--look", "material"]).1;
+    assert_eq!(normal_map(&lit), (true, true, false));
+    for more in [&["--faces", "500", "--normal-map", "off"][..], &[]] {
+        let (said, glb) = made(&format!("{}.glb", more.len()), more);
+        assert!(!said.contains("normal map") && !normal_map(&glb).0 && !normal_map(&glb).1, "{more:?}: {said}");
+    }
+    assert!(!made("m.obj", &["--faces", "500"]).0.contains("normal map"), "GLB alone has one");
+    let again = made("a.glb", &["--faces", "500", "--normal-map", "on"]).1;
+    assert!(parts(&again).1 == parts(&glb).1, "the same bytes each time");
+    refuses(
+        &dvr(&["texture", text(&bare), "--data", text(&scene), "--out", "x.glb", "--normal-map", "maybe"]),
+        &["maybe", "on", "off"],
+    );
 }
 
 #[test]

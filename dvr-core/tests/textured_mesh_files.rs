@@ -3,9 +3,12 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use dvr_core::mesh::{Look, Material, Mesh, TexturedMesh, read_mesh, read_mesh_with_warnings, write_textured_mesh};
-use glam::{Vec2, Vec3};
-use image::{Rgba, RgbaImage};
+use dvr_core::mesh::{
+    Look, Material, Mesh, NormalMap, TexturedMesh, corner_tangents, read_mesh, read_mesh_with_warnings,
+    write_textured_mesh,
+};
+use glam::{Vec2, Vec3, Vec4};
+use image::{RgbImage, Rgba, RgbaImage};
 
 /// A square of two faces; the corners of the texture are red, green, blue and white.
 fn square() -> TexturedMesh {
@@ -23,6 +26,7 @@ fn square() -> TexturedMesh {
         corner_uvs: vec![[uvs[0], uvs[1], uvs[2]], [uvs[0], uvs[2], uvs[3]]],
         face_materials: Vec::new(),
         materials: vec![Material { base_color: [1.0; 3], texture: Some(Arc::new(texture)) }],
+        normal_map: None,
     }
 }
 
@@ -79,6 +83,53 @@ fn the_look_says_whether_viewers_light_the_colours() {
     write_textured_mesh(&path, &square(), Look::Material).unwrap();
     let lit = json_of(&path);
     assert!(lit.get("extensionsUsed").is_none() && lit["materials"][0].get("extensions").is_none());
+}
+
+/// The square with a normal map that leans to the right of the picture on its left half.
+fn with_normal_map() -> TexturedMesh {
+    let lean = NormalMap::texel(Vec3::new(0.6, 0.0, 0.8));
+    let texture = RgbImage::from_fn(32, 32, |u, _| image::Rgb(if u < 16 { lean } else { [128, 128, 255] }));
+    let square = square();
+    let normals = square.mesh.normals.clone().unwrap();
+    let corner_tangents = corner_tangents(&square.mesh, &normals, &square.corner_uvs);
+    TexturedMesh { normal_map: Some(NormalMap { texture: Arc::new(texture), corner_tangents }), ..square }
+}
+
+#[test]
+fn a_normal_map_lies_in_a_glb_beside_the_colours_with_a_tangent_for_each_vertex() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("map.glb");
+    // Mirrored, the faces on the left half of the texture need vertices of their own along the diagonal.
+    let mut mirrored = with_normal_map();
+    mirrored.normal_map.as_mut().unwrap().corner_tangents[1] = [Vec4::new(-1.0, 0.0, 0.0, -1.0); 3];
+    for (textured, vertices) in [(with_normal_map(), 4), (mirrored, 6)] {
+        let map = textured.normal_map.as_ref().unwrap();
+        write_textured_mesh(&path, &textured, Look::Material).unwrap();
+        let (document, buffers, pictures) = gltf::import(&path).unwrap();
+        let primitive = document.meshes().next().unwrap().primitives().next().unwrap();
+        let reader = primitive.reader(|buffer| Some(&buffers[buffer.index()]));
+        let tangents: Vec<Vec4> = reader.read_tangents().unwrap().map(Vec4::from).collect();
+        let corners: Vec<u32> = reader.read_indices().unwrap().into_u32().collect();
+        let expected: Vec<Vec4> = map.corner_tangents.iter().flatten().copied().collect();
+        assert_eq!(tangents.len(), vertices);
+        assert_eq!(corners.iter().map(|&i| tangents[i as usize]).collect::<Vec<_>>(), expected);
+        let material = primitive.material();
+        let normal_texture = material.normal_texture().unwrap();
+        let image = normal_texture.texture().source().unwrap();
+        assert_eq!((normal_texture.scale(), normal_texture.tex_coord(), image.name()), (1.0, 0, Some("normal_map")));
+        assert_eq!(pictures[image.index()].pixels, map.texture.as_raw().as_slice(), "bit for bit");
+        let base = material.pbr_metallic_roughness().base_color_texture().unwrap().texture().source().unwrap();
+        assert_eq!(base.name(), Some("base_color"));
+
+        let mut warnings = Vec::new();
+        let back = read_mesh_with_warnings(&path, &mut warnings).unwrap();
+        assert_eq!((back.mesh.faces.len(), back.mesh.vertices.len(), warnings.len()), (2, vertices, 0), "{warnings:?}");
+        assert_eq!(back.materials[0].texture.as_ref().unwrap().dimensions(), (64, 64));
+    }
+    let obj = folder.path().join("map.obj");
+    write_textured_mesh(&obj, &with_normal_map(), Look::Material).unwrap();
+    let material = std::fs::read_to_string(folder.path().join("map.mtl")).unwrap();
+    assert!(!material.contains("ump") && !material.contains("norm"), "{material}");
 }
 
 #[test]

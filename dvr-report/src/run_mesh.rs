@@ -92,8 +92,8 @@ mod tests {
         TexturedMesh {
             corner_uvs: (0..mesh.faces.len()).map(|face| [side(face); 3]).collect(),
             mesh,
-            face_materials: Vec::new(),
             materials: vec![Material { base_color: [1.0; 3], texture: Some(Arc::new(picture)) }],
+            ..TexturedMesh::default()
         }
     }
 

@@ -68,7 +68,7 @@ pub(crate) fn painted(mesh: Mesh, paint: Paint) -> TexturedMesh {
         _ => texture(paint),
     };
     let material = Material { base_color: [1.0; 3], texture: Some(Arc::new(texture)) };
-    TexturedMesh { mesh, corner_uvs, face_materials: Vec::new(), materials: vec![material] }
+    TexturedMesh { mesh, corner_uvs, materials: vec![material], ..TexturedMesh::default() }
 }
 
 /// Projects along the dominant axis of the face's normal; each axis has its own part of the texture.

@@ -31,6 +31,7 @@ mod blend;
 mod error;
 mod fill;
 mod memory;
+mod normal_map;
 mod photographs;
 mod settings;
 mod solve;
@@ -39,5 +40,6 @@ mod texture;
 mod view_buffer;
 
 pub use error::TextureError;
+pub use normal_map::{REACH, bake_normals};
 pub use settings::{SIZES, TextureSettings, TextureSize};
-pub use texture::{PARTS, TextureReport, Textured, texture_mesh};
+pub use texture::{NormalMapReport, PARTS, TextureReport, Textured, texture_mesh};

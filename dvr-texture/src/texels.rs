@@ -22,8 +22,13 @@ pub(crate) struct Texels {
 
 impl Texels {
     pub fn draw(atlas: &Atlas) -> Self {
-        let faces = atlas.corners.iter().enumerate().map(|(face, corners)| (face as u32, *corners));
-        let mut texels = Self { size: atlas.size, face: Self::of_faces(atlas.size, faces) };
+        Self::of_corners(atlas.size, &atlas.corners)
+    }
+
+    /// The same of faces whose corners lie at these texels.
+    pub fn of_corners(size: u32, corners: &[[Vec2; 3]]) -> Self {
+        let faces = corners.iter().enumerate().map(|(face, corners)| (face as u32, *corners));
+        let mut texels = Self { size, face: Self::of_faces(size, faces) };
         texels.grow();
         texels
     }

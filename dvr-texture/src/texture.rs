@@ -47,6 +47,18 @@ pub struct TextureReport {
     pub cover: f64,
     /// Share of their texels that a photograph shows.
     pub seen: f64,
+    /// The normal map beside it; `None` where there is none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub normal_map: Option<NormalMapReport>,
+}
+
+/// What a normal map is.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct NormalMapReport {
+    /// Texels along its edge.
+    pub size: u32,
+    /// Share of the surface's texels at which the line along the normal meets the full mesh.
+    pub met: f64,
 }
 
 /// Gives a mesh a texture from the photographs that see it. The mesh is in the space of the views' cameras; its faces wind
@@ -102,7 +114,7 @@ pub fn texture_mesh(
     progress(4, "pixels");
     samples.descend(&mut colors, settings.steps, cancellation)?;
     progress(5, "least squares");
-    let report = TextureReport { size, charts: atlas.charts, cover: atlas.cover.into(), seen };
+    let report = TextureReport { size, charts: atlas.charts, cover: atlas.cover.into(), seen, normal_map: None };
     Ok(Textured { mesh: textured(mesh, &atlas, &colors), report })
 }
 
@@ -130,5 +142,6 @@ fn textured(mesh: &Mesh, atlas: &Atlas, colors: &[Vec3]) -> TexturedMesh {
         corner_uvs: atlas.corners.iter().map(|corners| corners.map(uv)).collect(),
         face_materials: Vec::new(),
         materials: vec![Material { base_color: [1.0; 3], texture: Some(Arc::new(picture)) }],
+        normal_map: None,
     }
 }

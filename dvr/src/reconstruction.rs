@@ -18,6 +18,8 @@ pub struct Reconstruction {
     pub mesh: Mesh,
     /// The same with a texture from the photographs; `None` where [`Options::mesh`] asks for none.
     pub textured: Option<TexturedMesh>,
+    /// What viewers do with its colours, as [`Options::mesh`] says.
+    pub look: Look,
     /// Figures, notes and warnings.
     pub report: RunMetrics,
 }
@@ -31,7 +33,7 @@ impl Reconstruction {
     pub fn save_mesh(&self, path: &Path) -> Result<()> {
         match &self.textured {
             Some(textured) if path.extension().is_none_or(|extension| extension != "ply") => {
-                Ok(write_textured_mesh(path, textured, Look::Baked)?)
+                Ok(write_textured_mesh(path, textured, self.look)?)
             }
             _ => Ok(write_mesh(path, &self.mesh)?),
         }
@@ -80,10 +82,10 @@ pub fn reconstruct_observed(
         ..RunOptions::new(folder.clone(), options.device.clone())
     };
     let trained = train(&mut scene, method, None, &run, observer)?;
-    let RunResults { mesh, textured, metrics, .. } =
+    let RunResults { mesh, textured, look, metrics, .. } =
         finish(&scene, method, &trained, &folder, &options.mesh, observer)?;
     let Trained { model, .. } = trained;
-    Ok(Reconstruction { field: model, mesh: mesh.unwrap_or_default(), textured, report: metrics })
+    Ok(Reconstruction { field: model, mesh: mesh.unwrap_or_default(), textured, look, report: metrics })
 }
 
 /// Renders a small scene, a ball seen from eight sides, into `folder`: something to try [`reconstruct`] on.

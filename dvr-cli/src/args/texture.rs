@@ -36,9 +36,8 @@ pub struct TextureArgs {
     pub faces: Option<FaceBudget>,
     #[command(flatten)]
     pub preset: PresetArg,
-    /// What viewers do with the colours
-    #[arg(long, value_enum, default_value_t = LookArg::Baked)]
-    pub look: LookArg,
+    #[command(flatten)]
+    pub finish: FinishArgs,
     /// Colour from all views, also from those that a run would leave out for validation and testing: `dvr eval` then
     /// measures what the texture was made from
     #[arg(long)]
@@ -84,6 +83,30 @@ pub struct TextureArg {
     /// seconds at the end; PLY has colours per vertex
     #[arg(long, value_parser = parse_texture, value_name = "N")]
     pub texture: Option<TextureChoice>,
+    #[command(flatten)]
+    pub finish: FinishArgs,
+}
+
+/// What a GLB with a texture says besides.
+#[derive(Args, Clone, Copy, Debug)]
+#[command(next_help_heading = "Mesh")]
+pub struct FinishArgs {
+    /// What viewers do with the colours of the texture
+    #[arg(long, value_enum, default_value_t = LookArg::Baked)]
+    pub look: LookArg,
+    /// Give the GLB of a simplified mesh with a texture the normals of the full one as a texture, in tangent space: for
+    /// viewers that light it (--look material)
+    #[arg(long, value_enum, default_value_t = NormalMapChoice::On, value_name = "WHETHER")]
+    pub normal_map: NormalMapChoice,
+}
+
+/// Whether a GLB has a normal map.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum NormalMapChoice {
+    /// Where the mesh was simplified and has a texture
+    On,
+    /// Never
+    Off,
 }
 
 /// The value of `--texture`.
@@ -140,7 +163,8 @@ mod tests {
     #[test]
     fn the_preset_limits_a_size_that_was_not_asked_for() {
         let web = PresetArg { preset: Preset::Web };
-        let of = |texture: Option<TextureChoice>| TextureArg { texture }.settings(web);
+        let finish = FinishArgs { look: LookArg::Baked, normal_map: NormalMapChoice::On };
+        let of = |texture: Option<TextureChoice>| TextureArg { texture, finish }.settings(web);
         assert_eq!(of(None).map(|settings| (settings.size, settings.largest_auto)), Some((TextureSize::Auto, 2048)));
         let asked = of(Some(TextureChoice::Of(TextureSize::Auto))).unwrap();
         assert_eq!(asked, TextureSettings::default());

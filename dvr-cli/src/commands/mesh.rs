@@ -5,12 +5,12 @@ use std::process::ExitCode;
 
 use anyhow::{Result, bail};
 use dvr_core::files::check_file;
-use dvr_core::mesh::{Look, write_mesh, write_textured_mesh};
+use dvr_core::mesh::{write_mesh, write_textured_mesh};
 use dvr_core::{Cancellation, Similarity};
 use dvr_train::{RunFolder, ViewSplit, method_of, object_mesh, photo_texture, surface_points};
 
 use super::simplified::simplified_to;
-use super::texture::sentence;
+use super::texture::{is_glb, sentence};
 use super::{load_model, load_run, place_for, print_notes, run_mesh_options, scene_of_run};
 use crate::args::MeshArgs;
 use crate::memory;
@@ -24,7 +24,9 @@ pub fn run(args: &MeshArgs, cancellation: &Cancellation) -> Result<ExitCode> {
     let folder = RunFolder::new(if args.run.is_dir() { args.run.clone() } else { parent(&args.run) });
     let own = vec![folder.mesh_ply(), folder.mesh_glb()];
     let (targets, _writing) = place_for(&folder, args.out.as_ref(), own, args.overwrite)?;
-    let options = run_mesh_options(&args.meshing, args.texture, args.preset, cancellation);
+    let mut options = run_mesh_options(&args.meshing, args.texture, args.preset, cancellation);
+    // No other format has one.
+    options.normal_map &= targets.iter().any(|target| is_glb(target));
     for beside in targets.iter().flat_map(|target| files_beside(target, options.texture.is_some())) {
         check_file(&beside, args.overwrite)?;
     }
@@ -59,7 +61,7 @@ pub fn run(args: &MeshArgs, cancellation: &Cancellation) -> Result<ExitCode> {
     let extracted = object_mesh(model.as_ref(), &options, &seeds, &views)?;
     print_notes(&extracted.warnings);
     let mut warnings = Vec::new();
-    let textured = photo_texture(&extracted.mesh, &views, &options, &mut warnings)?;
+    let textured = photo_texture(&extracted, &views, &options, &mut warnings)?;
     print_notes(&warnings);
     // An imported run may not have known its scene.
     let to_world = match &scene {
@@ -78,7 +80,7 @@ pub fn run(args: &MeshArgs, cancellation: &Cancellation) -> Result<ExitCode> {
     for path in &targets {
         match &textured {
             Some(textured) if path.extension().is_some_and(|extension| extension != "ply") => {
-                write_textured_mesh(path, textured, Look::Baked)?;
+                write_textured_mesh(path, textured, options.look)?;
             }
             _ => write_mesh(path, &mesh)?,
         }

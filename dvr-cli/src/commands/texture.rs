@@ -8,12 +8,12 @@ use dvr_core::files::check_file;
 use dvr_core::mesh::{read_mesh_with_warnings, write_textured_mesh};
 use dvr_core::metrics::Simplification;
 use dvr_core::{Cancellation, HOLD_OUT_EVERY, Scene, View, ViewSplit};
-use dvr_texture::{PARTS, TextureError, TextureReport, texture_mesh};
+use dvr_texture::{NormalMapReport, PARTS, TextureError, TextureReport, bake_normals, texture_mesh};
 use dvr_train::{HostMemory, Observer, over_budget};
 
 use super::simplified::simplified_to;
 use super::{SceneReading, print_notes, refinement_notes};
-use crate::args::{TextureArgs, texture_settings};
+use crate::args::{NormalMapChoice, TextureArgs, texture_settings};
 use crate::memory::make_room_for_texture;
 use crate::progress::Progress;
 
@@ -41,19 +41,27 @@ pub fn run(args: &TextureArgs, cancellation: &Cancellation) -> Result<ExitCode> 
         eprintln!("views as a run with the default settings divides them: {parts}");
     }
     let mut mesh = found.mesh.transformed(&scene.object_to_world.inverse());
+    // What it is simplified from, and how far that moves the surface.
+    let mut full = None;
     if let Some(most) = args.preset.max_faces(args.faces).filter(|&most| mesh.faces.len() > most) {
         let simple = mesh.within_faces(most);
         print_notes(over_budget(&simple, most).as_slice());
-        let simplification = Simplification::between(&mesh, &simple).scaled(scene.object_to_world.scale);
+        let moved = Simplification::between(&mesh, &simple);
+        let simplification = moved.scaled(scene.object_to_world.scale);
         println!("{}", simplified_to(simple.faces.len(), &simplification));
-        mesh = simple;
+        full = Some((std::mem::replace(&mut mesh, simple), moved.max_distance));
     }
     let mut progress = Progress::new();
     progress.phase("texture", PARTS);
-    let textured = texture_mesh(&mesh, &views, &settings, cancellation, |done, part| progress.progress(done, part))?;
+    let done = |done: usize, part: &str| progress.progress(done, part);
+    let mut textured = texture_mesh(&mesh, &views, &settings, cancellation, done)?;
     drop(progress);
+    let has_map = args.finish.normal_map == NormalMapChoice::On && is_glb(&args.out);
+    if let Some((full, moved)) = full.filter(|_| has_map) {
+        bake_normals(&mut textured, &full, moved, cancellation)?;
+    }
     let in_world = textured.mesh.transformed(&scene.object_to_world);
-    write_textured_mesh(&args.out, &in_world, args.look.look())?;
+    write_textured_mesh(&args.out, &in_world, args.finish.look.look())?;
     println!("{}", sentence(&textured.report));
     for path in outputs(&args.out)? {
         println!("wrote {}", path.display());
@@ -68,9 +76,19 @@ fn views_of<'a>(args: &TextureArgs, scene: &'a Scene) -> Result<Vec<&'a View>> {
 
 /// What a texture is, in a line.
 pub fn sentence(report: &TextureReport) -> String {
-    let TextureReport { size, charts, cover, seen } = report;
+    let TextureReport { size, charts, cover, seen, normal_map } = report;
     let [cover, seen] = [cover, seen].map(|share| 100.0 * share);
-    format!("texture: {size}x{size} texels, {charts} charts on {cover:.0} % of them; photographs show {seen:.1} %")
+    let normals = normal_map.map_or_else(String::new, |NormalMapReport { size, met }| {
+        format!("; normal map: {size}x{size} texels, the full mesh met along the normals at {:.1} %", 100.0 * met)
+    });
+    format!(
+        "texture: {size}x{size} texels, {charts} charts on {cover:.0} % of them; photographs show {seen:.1} %{normals}"
+    )
+}
+
+/// Whether a file is a GLB, the one format that has normal maps.
+pub fn is_glb(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("glb"))
 }
 
 /// The files that are written.

@@ -1,6 +1,6 @@
 //! Writing binary glTF 2.0. (`registry.khronos.org/glTF/specs/2.0/glTF-2.0.html`; reading is in `gltf.rs`.)
 
-use glam::Vec3;
+use glam::{Vec3, Vec4};
 use serde_json::{Value, json};
 
 use super::glb_buffer::{GlbBuffer, container};
@@ -25,20 +25,42 @@ pub(super) fn encode(mesh: &Mesh, name: &str) -> Vec<u8> {
     finished(file, mesh, name, attributes, rough_material(VERTEX_COLORS), root())
 }
 
-/// A mesh with one texture as a GLB: vertices as [`UvVertices`] has them, the picture inside the file as it is given.
+/// A normal map with its tangents, one per vertex.
+pub(super) struct StoredNormals<'a> {
+    pub tangents: &'a [Vec4],
+    pub texture: StoredTexture,
+}
+
+/// A mesh with one texture as a GLB: vertices as [`UvVertices`] has them, the pictures inside the file as they are given.
 /// [`Look::Baked`] adds `KHR_materials_unlit`: what photographs show is lit already.
-pub(super) fn encode_textured(split: &UvVertices, texture: &StoredTexture, look: Look, name: &str) -> Vec<u8> {
+pub(super) fn encode_textured(
+    split: &UvVertices,
+    texture: &StoredTexture,
+    normals: Option<&StoredNormals>,
+    look: Look,
+    name: &str,
+) -> Vec<u8> {
     let mut file = GlbBuffer::default();
     let mut root = root();
     let mut attributes = attributes(&mut file, &split.mesh);
     attributes["TEXCOORD_0"] = file.uvs(&split.uvs).into();
-    let view = file.file(texture.bytes.iter().copied());
-    root["images"] = json!([{ "bufferView": view, "mimeType": texture.mime_type, "name": "base_color" }]);
+    let mut material = rough_material(TEXTURED);
+    let (mut images, mut textures) = (Vec::new(), Vec::new());
+    let mut add = |file: &mut GlbBuffer, picture: &StoredTexture, name: &str| {
+        let view = file.file(picture.bytes.iter().copied());
+        images.push(json!({ "bufferView": view, "mimeType": picture.mime_type, "name": name }));
+        textures.push(json!({ "source": images.len() - 1, "sampler": 0 }));
+        json!({ "index": textures.len() - 1 })
+    };
+    material["pbrMetallicRoughness"]["baseColorTexture"] = add(&mut file, texture, "base_color");
+    if let Some(normals) = normals {
+        material["normalTexture"] = add(&mut file, &normals.texture, "normal_map");
+        attributes["TANGENT"] = file.tangents(normals.tangents).into();
+    }
+    root["images"] = images.into();
     root["samplers"] =
         json!([{ "magFilter": LINEAR, "minFilter": LINEAR_MIPMAP_LINEAR, "wrapS": CLAMP, "wrapT": CLAMP }]);
-    root["textures"] = json!([{ "source": 0, "sampler": 0 }]);
-    let mut material = rough_material(TEXTURED);
-    material["pbrMetallicRoughness"]["baseColorTexture"] = json!({ "index": 0 });
+    root["textures"] = textures.into();
     if look == Look::Baked {
         material["extensions"] = json!({ "KHR_materials_unlit": {} });
         root["extensionsUsed"] = json!(["KHR_materials_unlit"]);

@@ -1,6 +1,6 @@
 //! The binary part of a GLB, and the container of both parts. (Sections 3.6 and 4 of the specification.)
 
-use glam::{Vec2, Vec3};
+use glam::{Vec2, Vec3, Vec4};
 use serde_json::{Value, json};
 
 // Names of the specification's numbers.
@@ -41,6 +41,11 @@ impl GlbBuffer {
     /// Texture coordinates whose origin is the picture's top left, as glTF has them.
     pub fn uvs(&mut self, uvs: &[Vec2]) -> usize {
         self.floats(uvs.iter().flat_map(|uv| [uv.x, 1.0 - uv.y]), uvs.len(), "VEC2")
+    }
+
+    /// Tangents with their handedness.
+    pub fn tangents(&mut self, tangents: &[Vec4]) -> usize {
+        self.floats(tangents.iter().flat_map(Vec4::to_array), tangents.len(), "VEC4")
     }
 
     pub fn scalars(&mut self, values: impl Iterator<Item = f32>, count: usize) -> usize {

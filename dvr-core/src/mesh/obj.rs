@@ -190,7 +190,7 @@ impl ObjReader {
             materials[0] = Material::white();
         }
         let face_materials = if materials.len() > 1 { self.face_materials } else { Vec::new() };
-        TexturedMesh { mesh, corner_uvs, face_materials, materials }
+        TexturedMesh { mesh, corner_uvs, face_materials, materials, normal_map: None }
     }
 
     fn corner_uvs(&self) -> Vec<[Vec2; 3]> {

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use glam::{DVec3, Vec2};
 
+use super::normal_map::NormalMap;
 use super::triangle_mesh::Mesh;
 use crate::camera::Similarity;
 use crate::error::{Error, Result};
@@ -42,12 +43,15 @@ pub struct TexturedMesh {
     pub face_materials: Vec<u32>,
     /// The materials; empty means [`Material::default`].
     pub materials: Vec<Material>,
+    /// Normals finer than those of the vertices, of a mesh with one material; readers leave them out.
+    pub normal_map: Option<NormalMap>,
 }
 
 impl TexturedMesh {
     /// The mesh moved through a similarity, as [`Mesh::transformed`].
     pub fn transformed(self, similarity: &Similarity) -> Self {
-        Self { mesh: self.mesh.transformed(similarity), ..self }
+        let normal_map = self.normal_map.map(|map| map.rotated(similarity));
+        Self { mesh: self.mesh.transformed(similarity), normal_map, ..self }
     }
 
     /// The mesh in an object space of its own, its longest edge `edge`, and the way back to its own units.

@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use glam::Vec2;
+use glam::{Vec2, Vec4};
 
 use super::textured_mesh::TexturedMesh;
 use super::triangle_mesh::Mesh;
@@ -19,21 +19,33 @@ pub struct UvVertices {
 impl UvVertices {
     /// Splits the vertices of a mesh; faces without texture coordinates get (0, 0).
     pub fn of(textured: &TexturedMesh) -> Self {
+        Self::split(textured, |_, _| Vec4::ZERO).0
+    }
+
+    /// The same, with vertices split where tangents differ, too. Returns the tangents, one per vertex.
+    pub(super) fn with_tangents(textured: &TexturedMesh, tangents: &[[Vec4; 3]]) -> (Self, Vec<Vec4>) {
+        Self::split(textured, |face, corner| tangents.get(face).map_or(Vec4::ZERO, |tangents| tangents[corner]))
+    }
+
+    fn split(textured: &TexturedMesh, tangent: impl Fn(usize, usize) -> Vec4) -> (Self, Vec<Vec4>) {
         let mesh = &textured.mesh;
-        let mut known: HashMap<(u32, [u32; 2]), u32> = HashMap::with_capacity(mesh.vertices.len());
-        let (mut sources, mut uvs, mut faces) = (Vec::new(), Vec::new(), Vec::with_capacity(mesh.faces.len()));
+        let mut known: HashMap<(u32, [u32; 2], [u32; 4]), u32> = HashMap::with_capacity(mesh.vertices.len());
+        let (mut sources, mut uvs, mut tangents) = (Vec::new(), Vec::new(), Vec::new());
+        let mut faces = Vec::with_capacity(mesh.faces.len());
         for (index, face) in mesh.faces.iter().enumerate() {
             let corner_uvs = textured.corner_uvs.get(index).copied().unwrap_or_default();
             faces.push([0, 1, 2].map(|k| {
-                let (vertex, uv) = (face[k], corner_uvs[k]);
-                *known.entry((vertex, uv.to_array().map(f32::to_bits))).or_insert_with(|| {
+                let (vertex, uv, tangent) = (face[k], corner_uvs[k], tangent(index, k));
+                let key = (vertex, uv.to_array().map(f32::to_bits), tangent.to_array().map(f32::to_bits));
+                *known.entry(key).or_insert_with(|| {
                     sources.push(vertex as usize);
                     uvs.push(uv);
+                    tangents.push(tangent);
                     sources.len() as u32 - 1
                 })
             }));
         }
-        Self { mesh: mesh.with_vertices(&sources, faces), uvs }
+        (Self { mesh: mesh.with_vertices(&sources, faces), uvs }, tangents)
     }
 }
 

@@ -3,12 +3,14 @@
 use std::path::Path;
 
 use image::codecs::jpeg::JpegEncoder;
+use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder, RgbImage};
 
+use super::glb::{StoredNormals, encode_textured};
 use super::io::{extension, stem, unknown_format, write_mesh};
+use super::obj;
 use super::textured_mesh::TexturedMesh;
 use super::uv_vertices::UvVertices;
-use super::{glb, obj};
 use crate::error::{Error, Result};
 use crate::files::{write_bytes_atomically, write_rgb_png};
 
@@ -35,6 +37,9 @@ pub(super) struct StoredTexture {
 /// or OBJ, with an MTL and a PNG of the same name beside it. A mesh without texture, and a PLY, which has none, are
 /// written as [`write_mesh`] does.
 ///
+/// A normal map lies in a GLB as PNG, with its tangents. An OBJ has none: its files know no tangents, and programs differ
+/// on whether `map_Bump` is a height or a direction.
+///
 /// Each file appears whole or not at all; of an OBJ, the file that names the others comes last. OBJ knows no unlit
 /// material: `illum 0` says it of [`Look::Baked`].
 ///
@@ -49,15 +54,25 @@ pub fn write_textured_mesh(path: impl AsRef<Path>, textured: &TexturedMesh, look
         }
         return write_mesh(path, &textured.mesh);
     };
-    let split = UvVertices::of(textured);
     let picture = RgbImage::from_fn(texture.width(), texture.height(), |u, v| {
         let [r, g, b, _] = texture.get_pixel(u, v).0;
         image::Rgb([r, g, b])
     });
     if extension(path) == "glb" {
         let texture = StoredTexture { bytes: jpeg(path, &picture)?, mime_type: "image/jpeg" };
-        return write_bytes_atomically(path, &glb::encode_textured(&split, &texture, look, &stem(path)));
+        let name = stem(path);
+        let Some(map) = &textured.normal_map else {
+            return write_bytes_atomically(
+                path,
+                &encode_textured(&UvVertices::of(textured), &texture, None, look, &name),
+            );
+        };
+        let (split, tangents) = UvVertices::with_tangents(textured, &map.corner_tangents);
+        let stored = StoredTexture { bytes: png(path, &map.texture)?, mime_type: "image/png" };
+        let normals = StoredNormals { tangents: &tangents, texture: stored };
+        return write_bytes_atomically(path, &encode_textured(&split, &texture, Some(&normals), look, &name));
     }
+    let split = UvVertices::of(textured);
     let (library, texture) = (path.with_extension("mtl"), path.with_extension("png"));
     write_rgb_png(&texture, &picture)?;
     let illumination = if look == Look::Baked { 0 } else { 1 };
@@ -72,6 +87,15 @@ pub(super) const TEXTURED: &str = "textured";
 
 fn file_name(path: &Path) -> String {
     path.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+/// Without loss: directions are no colours, and JPEG would blur them.
+fn png(path: &Path, picture: &RgbImage) -> Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    PngEncoder::new_with_quality(&mut bytes, CompressionType::Best, FilterType::Adaptive)
+        .write_image(picture, picture.width(), picture.height(), ExtendedColorType::Rgb8)
+        .map_err(|error| Error::io(path, std::io::Error::other(error)))?;
+    Ok(bytes)
 }
 
 fn jpeg(path: &Path, picture: &RgbImage) -> Result<Vec<u8>> {

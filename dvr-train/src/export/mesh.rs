@@ -1,6 +1,6 @@
 //! From a trained field to a mesh in the world of the files.
 
-use dvr_core::mesh::{Mesh, connected_components};
+use dvr_core::mesh::{Look, Mesh, connected_components};
 use dvr_core::metrics::Simplification;
 use dvr_core::{Camera, Similarity, View, Visibility};
 use dvr_render::extract::ExtractError;
@@ -37,6 +37,10 @@ pub struct MeshOptions {
     /// How photographs become the texture of a run's mesh; `None` for none. Colours of the field
     /// ([`ColorSource::Field`]) have none either.
     pub texture: Option<TextureSettings>,
+    /// Whether a simplified mesh with a texture gets a normal map of the full one.
+    pub normal_map: bool,
+    /// What viewers do with the colours of the texture.
+    pub look: Look,
 }
 
 impl MeshOptions {
@@ -45,7 +49,7 @@ impl MeshOptions {
     pub fn with_resolution(resolution: usize) -> Self {
         let upsampling_steps = (resolution / 64).max(1).ilog2() as usize;
         let extraction = ExtractSettings { resolution, upsampling_steps, ..ExtractSettings::default() };
-        Self { extraction, texture: Some(TextureSettings::default()), ..Self::default() }
+        Self { extraction, texture: Some(TextureSettings::default()), normal_map: true, ..Self::default() }
     }
 
     /// How these views become a texture; `None` where none is asked for, or there are no views.
@@ -66,6 +70,8 @@ pub struct ObjectMesh {
     pub mesh: Mesh,
     /// How far simplification moved it, in object units; `None` where it was not simplified.
     pub simplification: Option<Simplification>,
+    /// What it was simplified from, where a normal map is to be made of that.
+    pub full: Option<Mesh>,
     /// What the user should know.
     pub warnings: Vec<String>,
 }
@@ -97,10 +103,11 @@ pub fn object_mesh(
         warnings.push(format!("{} small loose component(s) were dropped from the mesh", extracted.dropped_components));
     }
     cancellation.check()?;
-    let (mut mesh, simplification) = simplified(extracted.mesh, options, &mut warnings);
+    let (mut mesh, full, simplification) = simplified(extracted.mesh, options, &mut warnings);
+    let full = full.filter(|_| options.normal_map && options.texture_from(views).is_some());
     cancellation.check()?;
     if views.is_empty() {
-        return Ok(ObjectMesh { mesh, simplification, warnings });
+        return Ok(ObjectMesh { mesh, simplification, full, warnings });
     }
     if options.colors == ColorSource::Photos {
         bake_colors(&mut mesh, views, cancellation)?;
@@ -108,11 +115,16 @@ pub fn object_mesh(
         let cameras: Vec<&Camera> = views.iter().map(|view| &view.camera).collect();
         mesh.observations = Some(Visibility::new(&mesh).observe(&cameras));
     }
-    Ok(ObjectMesh { mesh, simplification, warnings })
+    Ok(ObjectMesh { mesh, simplification, full, warnings })
 }
 
-/// The mesh as simple as the options ask for, before photographs colour it.
-fn simplified(full: Mesh, options: &MeshOptions, warnings: &mut Vec<String>) -> (Mesh, Option<Simplification>) {
+/// The mesh as simple as the options ask for, before photographs colour it; the full one, and how far it moved, where it was
+/// simplified.
+fn simplified(
+    full: Mesh,
+    options: &MeshOptions,
+    warnings: &mut Vec<String>,
+) -> (Mesh, Option<Mesh>, Option<Simplification>) {
     let mut simple = None;
     if options.max_simplification > 0.0 {
         simple = Some(full.simplified(options.max_simplification));
@@ -122,8 +134,13 @@ fn simplified(full: Mesh, options: &MeshOptions, warnings: &mut Vec<String>) -> 
         warnings.extend(over_budget(&within, most));
         simple = Some(within);
     }
-    let simplification = simple.as_ref().map(|simple| Simplification::between(&full, simple));
-    (simple.unwrap_or(full), simplification)
+    match simple {
+        None => (full, None, None),
+        Some(simple) => {
+            let moved = Simplification::between(&full, &simple);
+            (simple, Some(full), Some(moved))
+        }
+    }
 }
 
 /// What to say of a mesh that has more faces than it was given.

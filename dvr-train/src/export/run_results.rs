@@ -40,6 +40,8 @@ pub struct RunResults {
     pub mesh: Option<Mesh>,
     /// The same with a texture from the photographs, where one was asked for.
     pub textured: Option<TexturedMesh>,
+    /// What viewers do with its colours.
+    pub look: Look,
     /// Input, render, depth and normals side by side.
     pub preview: RgbImage,
     /// The figures.
@@ -68,12 +70,12 @@ impl RunResults {
         let mut warnings = scene.warnings.clone();
         let extracted = extract(trained, options, &views, &mut warnings)?;
         let simplification = extracted.as_ref().and_then(|extracted| extracted.simplification);
-        let mesh = extracted.map(|extracted| extracted.mesh);
         laps.done("mesh")?;
-        let textured = match &mesh {
-            Some(mesh) => photo_texture(mesh, &views.train, options, &mut warnings)?,
+        let textured = match &extracted {
+            Some(extracted) => photo_texture(extracted, &views.train, options, &mut warnings)?,
             None => None,
         };
+        let mesh = extracted.map(|extracted| extracted.mesh);
         laps.done("texture")?;
 
         let shown = spread(if views.test.is_empty() { &views.train } else { &views.test }, PREVIEW.0);
@@ -136,7 +138,7 @@ impl RunResults {
             measuring_seconds: outcome.measuring_seconds,
         };
         let textured = textured.map(|textured| textured.mesh.transformed(&outcome.header.object_to_world));
-        Ok(Self { mesh: in_world, textured, preview, metrics })
+        Ok(Self { mesh: in_world, textured, look: options.look, preview, metrics })
     }
 
     /// Writes mesh (PLY with colours per vertex, GLB with the texture where there is one), preview sheet and figures into a run's folder.
@@ -147,7 +149,7 @@ impl RunResults {
         if let Some(mesh) = &self.mesh {
             write_mesh(folder.mesh_ply(), mesh)?;
             match &self.textured {
-                Some(textured) => write_textured_mesh(folder.mesh_glb(), textured, Look::Baked)?,
+                Some(textured) => write_textured_mesh(folder.mesh_glb(), textured, self.look)?,
                 None => write_mesh(folder.mesh_glb(), mesh)?,
             }
         }
