@@ -4,9 +4,13 @@ mod support;
 
 use std::path::{Path, PathBuf};
 
+use dvr_core::Cancellation;
+use dvr_core::mesh::{Mesh, shapes, write_mesh};
+use dvr_core::metrics::self_intersections;
+use glam::Vec3;
 use image::{Rgba, RgbaImage};
 use serde_json::json;
-use support::{dvr, succeeds, text};
+use support::{Tiny, dvr, succeeds, text};
 use tempfile::TempDir;
 
 /// A box of which every side shows the whole of `checks.png`: corners in the order of the faces, and their texture
@@ -116,4 +120,28 @@ fn a_textured_mesh_is_measured_with_its_texture() {
     println!("{obj:.2} dB as OBJ, {gltf:.2} dB as glTF, {white:.2} dB without its texture");
     assert!(obj > 28.0 && (obj - gltf).abs() < 0.01, "{obj} {gltf}");
     assert!(white < 12.0, "{white} {obj}");
+}
+
+#[test]
+fn pairs_of_faces_that_intersect_are_counted() {
+    let tiny = Tiny::new();
+    let cube = |low: f32, high: f32| shapes::cuboid(Vec3::splat(low), Vec3::splat(high));
+    let crossing = shapes::union([cube(-0.3, 0.3), cube(-0.1, 0.6)]);
+    let pairs = self_intersections(&crossing, &Cancellation::default()).unwrap();
+    assert!(pairs >= 6, "{pairs}");
+    let measured = |mesh: &Mesh| {
+        let (path, json) = (tiny.path("m.ply"), tiny.path("m.json"));
+        write_mesh(&path, mesh).unwrap();
+        let scene = tiny.scene();
+        let arguments =
+            ["eval", text(&path), "--data", text(&scene), "--no-views", "--json", text(&json), "--overwrite"];
+        let said = succeeds(&dvr(&arguments));
+        let figures: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(json).unwrap()).unwrap();
+        (said, figures["mesh"].clone())
+    };
+    let (said, mesh) = measured(&crossing);
+    assert!(said.contains(&format!("24 faces, {pairs} pairs of faces intersect")), "{said}");
+    assert_eq!((&mesh["faces"], &mesh["self_intersections"]), (&json!(24), &json!(pairs)));
+    let (said, mesh) = measured(&shapes::icosphere(2, 0.5));
+    assert!(said.contains("320 faces, no face intersects another") && mesh["self_intersections"] == 0, "{said}");
 }

@@ -69,11 +69,13 @@ fn a_run_with_a_budget_says_what_it_cost() {
     let glb = read_mesh(run.join("mesh.glb")).unwrap();
     assert!(has_texture(&glb) && glb.mesh.faces.len() <= 300);
     assert_eq!(normal_map(&run.join("mesh.glb")), (true, true, true));
+    assert!(metrics["self_intersections"].is_u64(), "{metrics}");
     let map = &metrics["texture"]["normal_map"];
     assert!(map["size"].as_u64().unwrap() >= 64 && map["met"].as_f64().unwrap() > 0.8, "{map}");
     let lit = tiny.path("lit.glb");
     let arguments = ["mesh", text(&run), "--resolution", "48", "--faces", "300", "--look", "material"];
     let said = succeeds(&dvr(&[&arguments[..], &["--out", text(&lit)]].concat()));
+    assert!(said.lines().any(|line| line.starts_with("mesh: ") && line.contains(" intersect")), "{said}");
     assert!(said.contains("normal map: ") && normal_map(&lit) == (true, true, false), "{said}");
     let ply = read_mesh(run.join("mesh.ply")).unwrap().mesh;
     assert_eq!((ply.faces.len(), ply.open_edges()), (glb.mesh.faces.len(), 0));

@@ -29,9 +29,16 @@ fn a_run_writes_a_self_contained_page() {
     let page = tiny.path("run/report.html");
     assert!(std::fs::metadata(&page).unwrap().len() < MAX_BYTES);
     let html = std::fs::read_to_string(&page).unwrap();
-    for part in
-        ["watertight", "Loss in training", "data:image/jpeg;base64,", "<canvas", "32 cells", "seed", "silhouette IoU"]
-    {
+    for part in [
+        "watertight",
+        "No face of the mesh intersects another.",
+        "Loss in training",
+        "data:image/jpeg;base64,",
+        "<canvas",
+        "32 cells",
+        "seed",
+        "silhouette IoU",
+    ] {
         assert!(html.contains(part), "{part}");
     }
     for outside in ["src=\"http", "href=\"http", "url(http"] {

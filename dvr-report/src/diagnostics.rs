@@ -33,6 +33,11 @@ pub enum Diagnostic {
         /// Edges with a face on one side only.
         open_edges: usize,
     },
+    /// The surface goes through itself.
+    SelfIntersecting {
+        /// Pairs of faces that intersect though they have no corner in common.
+        pairs: usize,
+    },
     /// The scene of the run could not be read.
     SceneMissing,
     /// Few photographs were trained on.
@@ -91,6 +96,12 @@ impl fmt::Display for Diagnostic {
                 "The mesh is not watertight: {} edges have a face on one side only. Programs that print or simulate need \
                  watertight meshes.",
                 count(*open_edges)
+            ),
+            Self::SelfIntersecting { pairs } => write!(
+                f,
+                "The surface goes through itself: {} of faces. Programs that print, cut or simulate solids may need it \
+                 mended.",
+                if *pairs == 1 { "1 pair".into() } else { format!("{} pairs", count(*pairs)) }
             ),
             Self::SceneMissing => write!(f, "The scene of the run was not found, so no view is shown."),
             Self::FewViews { views } => write!(
@@ -172,6 +183,11 @@ impl Diagnostics {
             None => found.warnings.push(Diagnostic::NoMesh),
             Some(_) if open_edges > 0 => found.warnings.push(Diagnostic::NotWatertight { open_edges }),
             Some(_) => found.passed.push("The mesh is watertight.".into()),
+        }
+        match metrics.self_intersections {
+            Some(0) => found.passed.push("No face of the mesh intersects another.".into()),
+            Some(pairs) => found.warnings.push(Diagnostic::SelfIntersecting { pairs }),
+            None => {}
         }
         match split.map(|split| split.train.len()) {
             None => found.warnings.push(Diagnostic::SceneMissing),

@@ -7,6 +7,7 @@ use anyhow::{Result, bail};
 use dvr_core::dataset::{ReadOptions, read_scene};
 use dvr_core::files::check_file;
 use dvr_core::mesh::{Mesh, read_mesh};
+use dvr_core::metrics::self_intersections;
 use dvr_core::{Camera, Cancellation, HOLD_OUT_EVERY, Scene, View};
 use dvr_render::{MeshShader, Shader};
 use dvr_train::{
@@ -17,6 +18,7 @@ use serde::Serialize;
 
 use super::depth_table::print_depth_maps;
 use super::eval_dtu::{DtuEvaluation, print_dtu, score_by_dtu};
+use super::mesh_line::mesh_line;
 use super::points_table::{print_points, score_by_points, settings, verified_points};
 use super::resumed::refuse_other_reading;
 use super::shape_table::print_shape;
@@ -31,6 +33,7 @@ use crate::progress::Progress;
 struct Report {
     /// Name of the scene, where one was read.
     scene: Option<String>,
+    mesh: MeshFacts,
     shape: ShapeEvaluation,
     views: Vec<ViewEvaluation>,
     /// Against verified points, where these were given or come with the scene; in the units of the files.
@@ -39,6 +42,22 @@ struct Report {
     depth_maps: Option<DepthMapsEvaluation>,
     /// By the protocol of DTU, where that was asked for; in millimetres.
     dtu: Option<DtuEvaluation>,
+}
+
+/// The mesh by itself, as it was read or made.
+#[derive(Serialize)]
+struct MeshFacts {
+    vertices: usize,
+    faces: usize,
+    /// Pairs of faces that intersect though they have no corner in common.
+    self_intersections: usize,
+}
+
+impl MeshFacts {
+    fn of(mesh: &Mesh, cancellation: &Cancellation) -> Result<Self> {
+        let self_intersections = self_intersections(mesh, cancellation)?;
+        Ok(Self { vertices: mesh.vertices.len(), faces: mesh.faces.len(), self_intersections })
+    }
 }
 
 /// Measures and prints.
@@ -62,6 +81,8 @@ pub fn run(args: &EvalArgs, cancellation: &Cancellation) -> Result<ExitCode> {
         refuse_objects(args)?;
         of_run(args, &checkpoint, cancellation)?
     };
+    let MeshFacts { vertices, faces, self_intersections } = report.mesh;
+    println!("{}", mesh_line(vertices, faces, self_intersections));
     print_shape(&report.shape);
     if let Some(points) = &report.points {
         print_points(points);
@@ -128,8 +149,8 @@ fn of_mesh(args: &EvalArgs, mesh: &Path, cancellation: &Cancellation) -> Result<
                  --reference"
             );
         }
-        let shape = ShapeEvaluation::default();
-        return Ok(Report { scene: None, shape, views: Vec::new(), points, depth_maps: None, dtu });
+        let (mesh, shape) = (MeshFacts::of(&textured.mesh, cancellation)?, ShapeEvaluation::default());
+        return Ok(Report { scene: None, mesh, shape, views: Vec::new(), points, depth_maps: None, dtu });
     };
     let options = ReadOptions { cancellation: cancellation.clone(), ..args.reading.read_options() };
     let mut scene = read_scene(data, &options)?;
@@ -144,7 +165,8 @@ fn of_mesh(args: &EvalArgs, mesh: &Path, cancellation: &Cancellation) -> Result<
         eprintln!("views as a run with the default settings divides them: {parts}");
         rendered(&MeshShader::textured(&textured), &with_masks(&ViewSplit::of(&scene)?.test)?, cancellation)?
     };
-    Ok(Report { scene: Some(scene.name), shape, views, points, depth_maps: None, dtu })
+    let mesh = MeshFacts::of(&textured.mesh, cancellation)?;
+    Ok(Report { scene: Some(scene.name), mesh, shape, views, points, depth_maps: None, dtu })
 }
 
 /// The views, all of which have masks: figures over some of them would pass for those of all.
@@ -197,7 +219,8 @@ fn of_run(args: &EvalArgs, checkpoint: &Checkpoint, cancellation: &Cancellation)
             bail!("this run started from no depth maps: --depth-maps has nothing to measure");
         }
     }
-    Ok(Report { scene: Some(scene.name), shape, views, points, depth_maps, dtu })
+    let mesh = MeshFacts::of(&mesh, cancellation)?;
+    Ok(Report { scene: Some(scene.name), mesh, shape, views, points, depth_maps, dtu })
 }
 
 fn cameras_of(scene: &Scene) -> Vec<&Camera> {

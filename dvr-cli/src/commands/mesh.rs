@@ -6,9 +6,11 @@ use std::process::ExitCode;
 use anyhow::{Result, bail};
 use dvr_core::files::check_file;
 use dvr_core::mesh::{write_mesh, write_textured_mesh};
+use dvr_core::metrics::self_intersections;
 use dvr_core::{Cancellation, Similarity};
 use dvr_train::{RunFolder, ViewSplit, method_of, object_mesh, photo_texture, surface_points};
 
+use super::mesh_line::mesh_line;
 use super::simplified::simplified_to;
 use super::texture::{is_glb, sentence};
 use super::{load_model, load_run, place_for, print_notes, run_mesh_options, scene_of_run};
@@ -70,6 +72,8 @@ pub fn run(args: &MeshArgs, cancellation: &Cancellation) -> Result<ExitCode> {
         _ => checkpoint.header.object_to_world,
     };
     let mesh = extracted.mesh.transformed(&to_world);
+    let crossing = self_intersections(&mesh, cancellation)?;
+    println!("{}", mesh_line(mesh.vertices.len(), mesh.faces.len(), crossing));
     if let Some(simplification) = extracted.simplification {
         println!("{}", simplified_to(mesh.faces.len(), &simplification.scaled(to_world.scale)));
     }

@@ -17,6 +17,7 @@ mod job;
 mod kept_row;
 pub mod masks;
 pub mod mesh;
+mod mesh_line;
 mod meshing;
 mod method_of_args;
 mod notes;

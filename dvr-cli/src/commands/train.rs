@@ -17,6 +17,7 @@ use dvr_train::{
 use super::cameras::{photographs_without_cameras, scene_of_photographs};
 use super::depth_table::in_short;
 use super::masks::{are_missing, find, summary, write};
+use super::mesh_line::mesh_line;
 use super::method_of_args::method_of_args;
 use super::points_table::print_points;
 use super::resumed::resumed_method;
@@ -241,7 +242,7 @@ fn report(metrics: &RunMetrics, folder: &RunFolder, cpu_seconds: f64) {
         println!("{}", in_short(depth_maps));
     }
     if let Some([vertices, faces]) = metrics.mesh {
-        println!("mesh: {vertices} vertices, {faces} faces");
+        println!("{}", mesh_line(vertices, faces, metrics.self_intersections.unwrap_or(0)));
         if let Some(simplification) = &metrics.simplification {
             println!("{}", simplified_to(faces, simplification));
         }

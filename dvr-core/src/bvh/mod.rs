@@ -7,6 +7,7 @@
 mod build;
 mod nearest;
 mod node;
+mod pairs;
 mod tree;
 mod triangle;
 

@@ -32,6 +32,9 @@ pub struct RunMetrics {
     pub model_seconds: f64,
     /// Vertices and faces of the mesh; `None` where there is no surface.
     pub mesh: Option<[usize; 2]>,
+    /// Pairs of its faces that intersect though they have no corner in common ([`dvr_core::metrics::self_intersections`]).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub self_intersections: Option<usize>,
     /// What it was simplified from, and how far the surface moved by that, in the units of the scene's files; `None` where
     /// it was not.
     #[serde(default, skip_serializing_if = "Option::is_none")]

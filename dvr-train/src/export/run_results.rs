@@ -4,6 +4,7 @@ use std::time::Instant;
 
 use dvr_core::mesh::{Look, Mesh, TexturedMesh, write_mesh, write_textured_mesh};
 use dvr_core::metrics::points::PointsSettings;
+use dvr_core::metrics::self_intersections;
 use dvr_core::{Camera, Cancellation, Exposure, Scene, VerifiedPoints, View, ViewSplit};
 use dvr_render::{MeshShader, Shader, view_metrics};
 use image::RgbImage;
@@ -98,6 +99,8 @@ impl RunResults {
         let shape = evaluate_shape(mesh.as_ref().unwrap_or(&empty), &scene.ground_truth, &cameras, common.seed)?;
         let in_world = mesh.as_ref().map(|mesh| world_mesh(mesh, &outcome.header.object_to_world));
         let trained_on_points = method.needs().sparse_points;
+        let cancellation = &options.extraction.cancellation;
+        let crossing = mesh.as_ref().map(|mesh| self_intersections(mesh, cancellation)).transpose()?;
         let points = match &in_world {
             Some(mesh) => PointsEvaluation::of_scene(mesh, scene, trained_on_points, &PointsSettings::default())?,
             None => None,
@@ -121,6 +124,7 @@ impl RunResults {
             training_seconds: outcome.seconds,
             model_seconds: outcome.header.seconds,
             mesh: mesh.as_ref().map(|mesh| [mesh.vertices.len(), mesh.faces.len()]),
+            self_intersections: crossing,
             simplification: simplification.map(|moved| moved.scaled(outcome.header.object_to_world.scale)),
             texture: textured.as_ref().map(|textured| textured.report),
             shape,
