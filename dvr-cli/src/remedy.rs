@@ -8,7 +8,7 @@ use dvr_core::OutputError;
 use dvr_core::files::FolderKind;
 use dvr_core::number_range::OutOfRange;
 use dvr_report::Diagnostic;
-use dvr_segmentation::SegmentationError;
+use dvr_segmentation::{ProgramMaskError, SegmentationError};
 use dvr_sfm::SfmError;
 use dvr_texture::TextureError;
 use dvr_train::{CodesError, Error as TrainError};
@@ -25,6 +25,7 @@ pub fn remedy(error: &anyhow::Error) -> Option<String> {
             .or_else(|| cause.downcast_ref().and_then(of_report))
             .or_else(|| cause.downcast_ref().and_then(of_sfm))
             .or_else(|| cause.downcast_ref().and_then(of_segmentation))
+            .or_else(|| cause.downcast_ref().and_then(of_mask_program))
             .or_else(|| of_gpu(cause))
             .or_else(|| cause.downcast_ref().and_then(of_system))
     })
@@ -39,6 +40,18 @@ fn of_segmentation(error: &SegmentationError) -> Option<String> {
              background, --background white, black or border makes them."
                 .into(),
         ),
+    }
+}
+
+/// Masks by a program of the user's choice.
+fn of_mask_program(error: &ProgramMaskError) -> Option<String> {
+    match error {
+        ProgramMaskError::Cancelled(_) => None,
+        ProgramMaskError::Core(error) => of_core(error),
+        ProgramMaskError::Program { view, .. } => Some(format!(
+            "Try the command of --segment on one picture, with its path for {{in}} and that of a new PNG for {{out}}. --ignore \
+             {view} leaves this photograph out; without --segment, masks are found from all views."
+        )),
     }
 }
 

@@ -1,4 +1,4 @@
-//! Masks of photographs that have none, from all views at once.
+//! Masks of photographs that have none: from all views at once, or by a program that is run for each.
 //!
 //! ```no_run
 //! use dvr_core::{Cancellation, Scene};
@@ -15,11 +15,13 @@
 //! A picture alone does not say what in it is the object; all together do: what the cameras look at, what stands out of
 //! the plane it stands on, what has the object's colours, and what all views agree to be one volume (Campbell,
 //! Vogiatzis, Hernandez and Cipolla, *Automatic 3D object segmentation in multiple views using volumetric graph-cuts*,
-//! 2010).
+//! 2010). A program that knows what objects look like needs one picture alone ([`masks_by_program`]).
 
+mod by_program;
 mod color_model;
 mod error;
 mod evidence;
+mod mask_command;
 mod memory;
 mod outline;
 mod parts;
@@ -29,7 +31,9 @@ mod shrunk;
 mod support_plane;
 mod volume;
 
+pub use by_program::{ProgramMaskError, masks_by_program};
 pub use error::SegmentationError;
+pub use mask_command::{MaskCommand, MaskCommandError};
 pub use memory::memory_estimate;
 pub use segment::{Segmentation, segment};
 pub use support_plane::SupportPlane;

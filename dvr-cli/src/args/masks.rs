@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use clap::Args;
+use dvr_segmentation::MaskCommand;
 
 use super::scene::SceneArgs;
 
@@ -31,6 +32,18 @@ impl FromStr for MasksFrom {
     }
 }
 
+/// What makes masks where no view has one.
+#[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "Reading the scene")]
+pub struct SegmentArg {
+    /// Make masks by a program, run once per photograph, in place of finding them from all views: its command line, in which
+    /// {in} stands for the path of the picture (PNG, upright and undistorted) and {out} for that of the mask (PNG, of the same
+    /// size: its alpha channel, else what is bright), e.g. "rembg i {in} {out}". Words are split as a shell does; no shell is
+    /// started. For scenes in which no view has a mask
+    #[arg(long, value_name = "COMMAND", conflicts_with = "background")]
+    pub segment: Option<MaskCommand>,
+}
+
 /// Arguments of `dvr masks`.
 #[derive(Args, Debug)]
 pub struct MasksArgs {
@@ -42,6 +55,8 @@ pub struct MasksArgs {
     /// Replace the masks that the folder has
     #[arg(long)]
     pub overwrite: bool,
+    #[command(flatten)]
+    pub segment: SegmentArg,
     #[command(flatten)]
     pub reading: SceneArgs,
 }

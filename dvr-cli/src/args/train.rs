@@ -9,6 +9,7 @@ use dvr_train::Supervision;
 
 use super::cameras::FindingArgs;
 use super::device::BackendArg;
+use super::masks::SegmentArg;
 use super::mesh::MeshingArgs;
 use super::method::{CapacityArg, MethodName, parse_capacity};
 use super::preset::PresetArg;
@@ -98,6 +99,8 @@ pub struct TrainArgs {
     /// objects of a dataset, are split evenly
     #[arg(long, value_name = "BACKEND", value_delimiter = ',', conflicts_with = "backend")]
     pub devices: Vec<Backend>,
+    #[command(flatten)]
+    pub segment: SegmentArg,
     #[command(flatten)]
     pub reading: SceneArgs,
 }

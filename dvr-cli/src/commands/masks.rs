@@ -1,4 +1,5 @@
-//! `dvr masks`: masks of photographs that have none; and the same on the way of `dvr train`.
+//! `dvr masks`: masks of photographs that have none, from all views or by a program of the user's choice; and the same on
+//! the way of `dvr train`.
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -6,8 +7,8 @@ use std::sync::{Mutex, PoisonError};
 
 use anyhow::{Result, bail};
 use dvr_core::files::{Claim, FolderKind, OutputFolder, write_gray_png};
-use dvr_core::{Cancellation, HOLD_OUT_EVERY, Scene};
-use dvr_segmentation::{Segmentation, segment};
+use dvr_core::{Cancellation, HOLD_OUT_EVERY, Mask, Scene};
+use dvr_segmentation::{MaskCommand, Segmentation, masks_by_program, segment};
 use dvr_train::Observer;
 
 use super::{SceneReading, print_notes};
@@ -17,22 +18,22 @@ use crate::progress::Progress;
 
 /// Finds and writes.
 pub fn run(args: &MasksArgs, cancellation: &Cancellation) -> Result<ExitCode> {
+    let by = args.segment.segment.as_ref();
+    check_program(by, args.reading.masks.as_ref())?;
     let claim = if args.overwrite { Claim::Replace } else { Claim::New };
     OutputFolder::check::<&str>(&args.out, FolderKind::Masks, claim, &[])?;
     let reading = SceneReading::of_arguments(&args.reading);
     let divide = |scene: &mut Scene| Ok(scene.hold_out(HOLD_OUT_EVERY));
     let (mut scene, ..) = reading.read(&args.scene, divide, cancellation)?;
-    let without = scene.views.iter().filter(|view| view.mask.is_none()).count();
-    if without < scene.views.len() {
-        let have = scene.views.len() - without;
+    let have = scene.views.iter().filter(|view| view.mask.is_some()).count();
+    if have > 0 {
         bail!("{}: {have} of {} views have masks; these are used as they are", args.scene.display(), scene.views.len());
     }
     print_notes(&scene.warnings);
-    make_room_for_masks(&mut scene, args.reading.memory)?;
-    let found = find(&scene, cancellation)?;
+    let found = find(&mut scene, by, args.reading.memory, cancellation)?;
     let mut folder = OutputFolder::claim::<&str>(&args.out, FolderKind::Masks, claim, &[])?;
-    write(&found, &scene, &mut folder, &args.out, Path::new(""))?;
-    println!("{}", summary(&found));
+    write(&found.masks, &scene, &mut folder, &args.out, Path::new(""))?;
+    println!("{}", found.summary);
     println!(
         "wrote {0}: a mask for each view. Look at them; `--masks {0}` uses them, edited or not",
         args.out.display()
@@ -45,8 +46,48 @@ pub fn are_missing(scene: &Scene, from: Option<&MasksFrom>) -> bool {
     matches!(from, None | Some(MasksFrom::Auto)) && scene.views.iter().all(|view| view.mask.is_none())
 }
 
-/// Finds the masks of all views, with progress.
-pub fn find(scene: &Scene, cancellation: &Cancellation) -> Result<Segmentation> {
+/// Refuses a program for masks beside masks that are there.
+///
+/// # Errors
+/// Where masks are said to be given.
+pub fn check_program(by: Option<&MaskCommand>, from: Option<&MasksFrom>) -> Result<()> {
+    let given = match (by, from) {
+        (None, _) | (_, None | Some(MasksFrom::Auto)) => return Ok(()),
+        (_, Some(MasksFrom::Given)) => "given".to_owned(),
+        (_, Some(MasksFrom::Folder(folder))) => folder.display().to_string(),
+    };
+    bail!("--segment makes masks, and --masks {given} takes others: leave out one of the two")
+}
+
+/// Masks of all views, and what is to be said of them.
+pub struct FoundMasks {
+    /// One mask for each view, as large as its picture.
+    pub masks: Vec<Mask>,
+    /// How they were found, in a sentence without its full stop.
+    pub summary: String,
+}
+
+/// Finds the masks of all views, by a program where one is given, else from all views together, within `memory` where that
+/// is given; with progress.
+pub fn find(
+    scene: &mut Scene,
+    by: Option<&MaskCommand>,
+    memory: Option<u64>,
+    cancellation: &Cancellation,
+) -> Result<FoundMasks> {
+    if let Some(command) = by {
+        let mut progress = Progress::new();
+        progress.phase(&format!("masks by {}", command.program()), scene.views.len());
+        let masks = masks_by_program(&scene.views, command, cancellation, &mut |done| progress.progress(done, ""))?;
+        let summary = format!("masks were made by `{command}`: the object fills {} in the mean", share(&masks));
+        return Ok(FoundMasks { masks, summary });
+    }
+    make_room_for_masks(scene, memory)?;
+    let found = find_from_all_views(scene, cancellation)?;
+    Ok(FoundMasks { summary: summary(&found), masks: found.masks })
+}
+
+fn find_from_all_views(scene: &Scene, cancellation: &Cancellation) -> Result<Segmentation> {
     let progress: Mutex<Option<Progress>> = Mutex::new(None);
     let tell = |done: usize, parts: usize| {
         let mut progress = progress.lock().unwrap_or_else(PoisonError::into_inner);
@@ -61,33 +102,30 @@ pub fn find(scene: &Scene, cancellation: &Cancellation) -> Result<Segmentation> 
 }
 
 /// Writes masks into a part of a folder that is ours; gives that part.
-pub fn write(
-    found: &Segmentation,
-    scene: &Scene,
-    folder: &mut OutputFolder,
-    root: &Path,
-    part: &Path,
-) -> Result<PathBuf> {
+pub fn write(masks: &[Mask], scene: &Scene, folder: &mut OutputFolder, root: &Path, part: &Path) -> Result<PathBuf> {
     let file = |name: &str| part.join(format!("{name}.png"));
     let files: Vec<String> =
         scene.views.iter().map(|view| file(&view.name).to_string_lossy().replace('\\', "/")).collect();
     folder.add(&files)?;
     let place = root.join(part);
     std::fs::create_dir_all(&place).map_err(|source| dvr_core::Error::io(&place, source))?;
-    for (view, mask) in scene.views.iter().zip(&found.masks) {
+    for (view, mask) in scene.views.iter().zip(masks) {
         write_gray_png(&root.join(file(&view.name)), &mask.coverage)?;
     }
     Ok(place)
 }
 
-/// What was found, in a sentence.
-pub fn summary(found: &Segmentation) -> String {
-    let shares: Vec<f64> =
-        found.masks.iter().map(|mask| mask.object_pixels() as f64 / mask.coverage.len().max(1) as f64).collect();
-    let mean = 100.0 * shares.iter().sum::<f64>() / shares.len().max(1) as f64;
+/// The mean share of a picture that masks mark.
+fn share(masks: &[Mask]) -> String {
+    let shares = masks.iter().map(|mask| mask.object_pixels() as f64 / mask.coverage.len().max(1) as f64);
+    format!("{:.0} % of a picture", 100.0 * shares.sum::<f64>() / masks.len().max(1) as f64)
+}
+
+/// What was found from all views, in a sentence.
+fn summary(found: &Segmentation) -> String {
     let support = match found.support {
         Some(_) => "it stands on a plane, which is not part of it",
         None => "no plane that it stands on was found",
     };
-    format!("masks were found from all views: the object fills {mean:.0} % of a picture in the mean; {support}")
+    format!("masks were found from all views: the object fills {} in the mean; {support}", share(&found.masks))
 }

@@ -82,6 +82,8 @@ impl Differences {
             self.compare("--visual-hull-depth", stored.visual_hull_depth, given_flag(args.reading.visual_hull_depth));
         } else if let Ok(stored) = serde_json::from_value::<SceneReading>(reading) {
             self.compare_scene(&args.reading, &stored);
+            let segment = args.segment.segment.as_ref().map(|command| Some(command.to_string()));
+            self.compare("--segment", stored.segment, segment);
         }
     }
 

@@ -19,12 +19,15 @@ pub struct SceneReading {
     /// Whether masks are refined then.
     #[serde(default)]
     pub refine_masks: bool,
+    /// The command line that made the masks, where a program did.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub segment: Option<String>,
 }
 
 impl SceneReading {
     /// By the arguments.
     pub fn of_arguments(args: &SceneArgs) -> Self {
-        Self { options: args.read_options(), refine_masks: !args.no_mask_refinement }
+        Self { options: args.read_options(), refine_masks: !args.no_mask_refinement, segment: None }
     }
 
     /// Reads the scene, divides its views, and refines the masks of those that are not for testing, unless that is off.

@@ -16,7 +16,7 @@ use dvr_train::{
 
 use super::cameras::{photographs_without_cameras, scene_of_photographs};
 use super::depth_table::in_short;
-use super::masks::{are_missing, find, summary, write};
+use super::masks::{are_missing, check_program, find, write};
 use super::mesh_line::mesh_line;
 use super::method_of_args::method_of_args;
 use super::points_table::print_points;
@@ -28,7 +28,7 @@ use super::texture::sentence;
 use super::{SceneReading, print_notes, refinement_notes, run_mesh_options, scene_of_run, train_objects};
 use crate::args::TrainArgs;
 use crate::commands::report::write_report;
-use crate::memory::{limit_training, make_room, make_room_for_masks, of_process};
+use crate::memory::{limit_training, make_room, of_process};
 use crate::progress::Progress;
 
 /// Reconstructs a scene, or learns from a dataset, as the path and the arguments say.
@@ -42,6 +42,10 @@ pub fn run(args: &TrainArgs, cancellation: &Cancellation) -> Result<ExitCode> {
         return Ok(ExitCode::SUCCESS);
     }
     let Some(out) = &args.out else { bail!("no output folder was given: add --out DIR") };
+    check_program(args.segment.segment.as_ref(), args.reading.masks.as_ref())?;
+    if let (true, Some(_), Some(path)) = (is_dataset, &args.segment.segment, &args.scene) {
+        bail!("{}: --segment makes masks of the views of one scene, and this is a dataset of objects", path.display());
+    }
     let start = RunStart::new(args, out)?;
     let args = &with_cameras(args, cancellation)?;
     let method = match &start.resumed {
@@ -60,7 +64,12 @@ fn with_cameras<'a>(args: &'a TrainArgs, cancellation: &Cancellation) -> Result<
         return Ok(Cow::Borrowed(args));
     };
     let Some(source) = photographs_without_cameras(path)? else { return Ok(Cow::Borrowed(args)) };
-    if !source.has_mask_folder() && args.reading.background.is_none() {
+    let is_by_program = args.segment.segment.is_some();
+    if is_by_program && source.has_mask_folder() {
+        // Before their cameras are found, which takes a while.
+        bail!("{}: these photographs have a folder of masks: {MASKS_ARE_THERE}", path.display());
+    }
+    if !is_by_program && !source.has_mask_folder() && args.reading.background.is_none() {
         eprintln!(
             "note: no folder of masks is beside these photographs. Where no picture has an alpha channel, masks are found from \
              all of them, after their cameras"
@@ -83,10 +92,13 @@ fn train_scene(
     let (mut scene, mut reading, mut views) = read(args, start.resumed.as_ref(), method, cancellation)?;
     let mut writing = None;
     if start.resumed.is_none() && are_missing(&scene, args.reading.masks.as_ref()) {
-        make_room_for_masks(&mut scene, of_process(&device, args.reading.memory))?;
-        let (taken, masks) = found_masks(&scene, &mut start, method, cancellation)?;
+        let memory = of_process(&device, args.reading.memory);
+        let (taken, masks) = found_masks(&mut scene, args, &mut start, method, memory, cancellation)?;
         writing = Some(taken);
         (scene, reading, views) = read_with(args, Some(masks), method, cancellation)?;
+    } else if start.resumed.is_none() && args.segment.segment.is_some() {
+        let have = scene.views.iter().filter(|view| view.mask.is_some()).count();
+        bail!("{}: {have} of {} views have masks: {MASKS_ARE_THERE}", scene.name, scene.views.len());
     }
     scene.require_masks()?;
     method.check_scene(&scene)?;
@@ -154,24 +166,34 @@ fn read(
     read_with(args, None, method, cancellation)
 }
 
+/// Why a program for masks is refused.
+const MASKS_ARE_THERE: &str =
+    "--segment makes masks where no view has one. Leave it out to use these, or move them away";
+
 /// Finds the masks of a scene that has none, and takes the run's folder to write them into it.
 fn found_masks(
-    scene: &Scene,
+    scene: &mut Scene,
+    args: &TrainArgs,
     start: &mut RunStart,
     method: &dyn Method,
+    memory: Option<u64>,
     cancellation: &Cancellation,
 ) -> Result<(OutputFolder, PathBuf)> {
-    eprintln!("{}: no view has a mask; the object is found from all views together", scene.name);
+    let by = args.segment.segment.as_ref();
+    match by {
+        Some(command) => eprintln!("{}: no view has a mask; `{command}` makes them", scene.name),
+        None => eprintln!("{}: no view has a mask; the object is found from all views together", scene.name),
+    }
     // Before the folder is taken: a run that is to be replaced stays where nothing is found.
-    let found = find(scene, cancellation)?;
+    let found = find(scene, by, memory, cancellation)?;
     let mut writing = start.prepare(method)?;
     let masks = start.folder.masks();
     let part = masks.strip_prefix(start.folder.root())?;
-    let place = write(&found, scene, &mut writing, start.folder.root(), part)?;
+    let place = write(&found.masks, scene, &mut writing, start.folder.root(), part)?;
     print_notes(&[format!(
         "{}. They are in {}: look at them. Edited or not, `--masks` takes that folder (or a copy) in another run. Figures of \
          silhouettes are against them",
-        summary(&found),
+        found.summary,
         place.display()
     )]);
     Ok((writing, place.canonicalize().unwrap_or(place)))
@@ -186,6 +208,7 @@ fn read_with(
 ) -> Result<(Scene, serde_json::Value, ViewNames)> {
     let Some(path) = &args.scene else { bail!("no scene was given") };
     let mut reading = SceneReading::of_arguments(&args.reading);
+    reading.segment = args.segment.segment.as_ref().map(ToString::to_string);
     reading.options.masks = masks.or(reading.options.masks);
     reading.options.hold_out_every = method.common().hold_out_every;
     let divide = |scene: &mut Scene| Ok(scene.hold_out(method.common().hold_out_every));
