@@ -199,6 +199,9 @@ fn of_train(error: &TrainError) -> Option<String> {
         TrainError::NoNetwork => "`dvr train --method network` makes a run with a network.",
         TrainError::Diverged { .. } => DIVERGED,
         TrainError::ViewsGone { .. } => "Put them back, or start anew: leave out --resume, and choose another --out.",
+        TrainError::LengthMisses { .. } => {
+            "Give pixels well within the object with --scale, of the picture's file as it is stored, from (0,0) at the top left."
+        }
         TrainError::HeldMemory { .. } => {
             "Everything is saved. `dvr train --resume` continues with a larger --memory, or with --backend cpu."
         }

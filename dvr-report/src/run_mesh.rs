@@ -14,12 +14,12 @@ use crate::pictures::jpeg;
 /// Largest distance, as a share of the largest coordinate, of corners that are the same in two files.
 const SAME: f32 = 1e-6;
 
-/// The mesh of a run's folder in object space: vertices as `mesh.ply` has them, and the texture of `mesh.glb` in place of
+/// The mesh of a run's folder, which `to_export` took from object space, in object space again: vertices as `mesh.ply` has them, and the texture of `mesh.glb` in place of
 /// their colours, where it has one and the faces are the same. Empty where the run has no mesh.
 ///
 /// # Errors
 /// When a file is damaged.
-pub fn read_run_mesh(folder: &RunFolder, object_to_world: &Similarity) -> Result<TexturedMesh> {
+pub fn read_run_mesh(folder: &RunFolder, to_export: &Similarity) -> Result<TexturedMesh> {
     let (ply, glb) = (folder.mesh_ply(), folder.mesh_glb());
     if !ply.is_file() {
         return Ok(TexturedMesh::default());
@@ -32,7 +32,7 @@ pub fn read_run_mesh(folder: &RunFolder, object_to_world: &Similarity) -> Result
         }
         _ => TexturedMesh { mesh, ..TexturedMesh::default() },
     };
-    Ok(shown.transformed(&object_to_world.inverse()))
+    Ok(shown.transformed(&to_export.inverse()))
 }
 
 /// The texture of a mesh whose faces all have it.

@@ -6,7 +6,7 @@ use dvr_core::hull::Bounds;
 use dvr_core::mesh::{TexturedMesh, UvVertices};
 use dvr_core::{Camera, Scene, View, Visibility};
 use dvr_render::MeshShader;
-use dvr_train::{CheckpointHeader, ObjectsMetrics, RunFolder, RunMetrics, Summary, ViewSplit, view_metrics};
+use dvr_train::{CheckpointHeader, ObjectsMetrics, RealSize, RunFolder, RunMetrics, Summary, ViewSplit, view_metrics};
 use glam::DVec3;
 use serde_json::{Value, json};
 
@@ -162,7 +162,8 @@ impl RunSummary {
     ) -> Result<()> {
         self.title.clone_from(&metrics.scene);
         let split = scene.map(ViewSplit::of).transpose()?;
-        let mut textured = read_run_mesh(folder, &self.header.object_to_world)?;
+        let to_export = RealSize::to_export(metrics.real_size.as_ref(), &self.header.object_to_world);
+        let mut textured = read_run_mesh(folder, &to_export)?;
         let mesh = &mut textured.mesh;
         if let (Some(split), None, false) = (&split, &mesh.observations, mesh.is_empty()) {
             // A mesh that was written without its scene.
@@ -197,7 +198,7 @@ impl RunSummary {
             }
             None => encode(&textured.mesh, &[], budget.faces),
         };
-        let to_object = self.header.object_to_world.inverse().to_matrix();
+        let to_object = to_export.inverse().to_matrix();
         self.mesh = encoded.map(|mesh| {
             let [low, high] = mesh.bounds.map(|corner| corner.to_array());
             let facts = json!({

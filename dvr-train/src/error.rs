@@ -168,6 +168,16 @@ pub enum Error {
         /// The views.
         views: Vec<String>,
     },
+    /// A place of a known length does not show the object.
+    #[error("known length `{text}`: its {which} pixel misses the {what}")]
+    LengthMisses {
+        /// The known length, as the user wrote it.
+        text: String,
+        /// `first` or `second`.
+        which: &'static str,
+        /// What is missed.
+        what: &'static str,
+    },
     /// A file is no checkpoint.
     #[error("{}: {problem}", path.display())]
     NotACheckpoint {

@@ -62,6 +62,7 @@ pub use evaluate::{
 pub use export::bake::bake_colors;
 pub use export::mesh::{ColorSource, MeshOptions, ObjectMesh, object_mesh, over_budget, world_mesh};
 pub use export::preview;
+pub use export::real_size::{KnownLength, MeasuredLength, RealSize};
 pub use export::run_metrics::RunMetrics;
 pub use export::run_results::{RunResults, finish};
 pub use export::texture::photo_texture;

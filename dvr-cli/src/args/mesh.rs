@@ -6,6 +6,7 @@ use clap::{Args, ValueEnum};
 
 use super::device::{BackendArg, MemoryArg};
 use super::faces::{FaceBudget, parse_faces};
+use super::known_length::ScaleArg;
 use super::preset::PresetArg;
 use super::texture::TextureArg;
 use super::values::within;
@@ -79,6 +80,11 @@ pub struct MeshArgs {
     /// Write the mesh in object space (the unit cube) instead of scene coordinates
     #[arg(long)]
     pub object_space: bool,
+    /// Real size, as of `dvr train --scale`, e.g. "IMG_1.jpg:(120,340)-(510,352)=12cm" (pixels [0 to 1000000], lengths
+    /// [0.000001 to 1000000]); repeatable. off writes the units of the scene's files. Without --out, the run keeps it
+    /// [default: the run's]
+    #[arg(long, value_name = "LENGTH", conflicts_with = "object_space")]
+    pub scale: Vec<ScaleArg>,
     /// The run's scene, if it was moved since training
     #[arg(long, value_name = "SCENE")]
     pub data: Option<PathBuf>,

@@ -9,6 +9,7 @@ use dvr_train::Supervision;
 
 use super::cameras::FindingArgs;
 use super::device::BackendArg;
+use super::known_length::KnownLengthArg;
 use super::masks::SegmentArg;
 use super::mesh::MeshingArgs;
 use super::method::{CapacityArg, MethodName, parse_capacity};
@@ -87,6 +88,11 @@ pub struct TrainArgs {
     pub finding: FindingArgs,
     #[command(flatten)]
     pub objects: ObjectsArgs,
+    /// Real size: two pixels of a photograph on the object, and how far apart their points are, e.g.
+    /// "IMG_1.jpg:(120,340)-(510,352)=12cm" (m, cm, mm, in or ft; pixels of the file from (0,0) at the top left [0 to 1000000],
+    /// lengths [0.000001 to 1000000]). Meshes are then in metres. Repeatable: the mean stands, and what disagrees is told
+    #[arg(long, value_name = "LENGTH", help_heading = "Mesh")]
+    pub scale: Vec<KnownLengthArg>,
     #[command(flatten)]
     pub meshing: MeshingArgs,
     #[command(flatten)]

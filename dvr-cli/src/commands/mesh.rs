@@ -8,12 +8,13 @@ use dvr_core::files::check_file;
 use dvr_core::mesh::{write_mesh, write_textured_mesh};
 use dvr_core::metrics::self_intersections;
 use dvr_core::{Cancellation, Similarity};
-use dvr_train::{RunFolder, ViewSplit, method_of, object_mesh, photo_texture, surface_points};
+use dvr_train::{RealSize, RunFolder, ViewSplit, method_of, object_mesh, photo_texture, surface_points};
 
 use super::mesh_line::mesh_line;
+use super::real_size::KeptSize;
 use super::simplified::simplified_to;
 use super::texture::{is_glb, sentence};
-use super::{load_model, load_run, place_for, print_notes, run_mesh_options, scene_of_run};
+use super::{SceneReading, load_model, load_run, place_for, print_notes, run_mesh_options, scene_of_run};
 use crate::args::MeshArgs;
 use crate::memory;
 
@@ -33,6 +34,11 @@ pub fn run(args: &MeshArgs, cancellation: &Cancellation) -> Result<ExitCode> {
         check_file(&beside, args.overwrite)?;
     }
     let method = method_of(&checkpoint.header.method)?;
+    let kept = match method.objects() {
+        None => Some(KeptSize::of(&folder, &checkpoint.header)?),
+        Some(_) if args.scale.is_empty() => None,
+        Some(_) => bail!("--scale needs a photograph of the object, and a model of many objects has no single scene"),
+    };
     let device = args.backend.backend.device_for(method.as_ref())?;
     memory::limit(&device, args.memory.memory);
     memory::check_extraction(&options.extraction, &device, args.memory.memory)?;
@@ -65,13 +71,28 @@ pub fn run(args: &MeshArgs, cancellation: &Cancellation) -> Result<ExitCode> {
     let mut warnings = Vec::new();
     let textured = photo_texture(&extracted, &views, &options, &mut warnings)?;
     print_notes(&warnings);
+    let reading = serde_json::from_value::<SceneReading>(checkpoint.header.reading.clone()).ok();
+    let path = args.data.as_ref().unwrap_or(&checkpoint.header.scene);
+    let known = match (&scene, &reading) {
+        (Some(Ok(scene)), Some(reading)) => Some((path.as_path(), reading, scene)),
+        _ => None,
+    };
+    let real_size = match &kept {
+        Some(kept) if !args.object_space => kept.real_size(&args.scale, &extracted.mesh, known, &checkpoint.header)?,
+        _ => None,
+    };
+    if let Some(size) = &real_size {
+        print_notes(&size.warning().into_iter().collect::<Vec<_>>());
+        println!("real size: {size}");
+    }
     // An imported run may not have known its scene.
     let to_world = match &scene {
         _ if args.object_space => Similarity::default(),
         Some(Ok(scene)) => scene.object_to_world,
         _ => checkpoint.header.object_to_world,
     };
-    let mesh = extracted.mesh.transformed(&to_world);
+    let to_export = RealSize::to_export(real_size.as_ref(), &to_world);
+    let mesh = extracted.mesh.transformed(&to_export);
     let crossing = self_intersections(&mesh, cancellation)?;
     println!("{}", mesh_line(mesh.vertices.len(), mesh.faces.len(), crossing));
     if let Some(simplification) = extracted.simplification {
@@ -80,7 +101,7 @@ pub fn run(args: &MeshArgs, cancellation: &Cancellation) -> Result<ExitCode> {
     if let Some(textured) = &textured {
         println!("{}", sentence(&textured.report));
     }
-    let textured = textured.map(|textured| textured.mesh.transformed(&to_world));
+    let textured = textured.map(|textured| textured.mesh.transformed(&to_export));
     for path in &targets {
         match &textured {
             Some(textured) if path.extension().is_some_and(|extension| extension != "ply") => {
@@ -89,6 +110,12 @@ pub fn run(args: &MeshArgs, cancellation: &Cancellation) -> Result<ExitCode> {
             _ => write_mesh(path, &mesh)?,
         }
         println!("wrote {} ({} vertices, {} faces)", path.display(), mesh.vertices.len(), mesh.faces.len());
+    }
+    if let (Some(kept), None) = (kept, &args.out) {
+        if real_size.is_some() && !kept.has_figures() {
+            eprintln!("note: the run has no metrics.json, and does not keep its real size");
+        }
+        kept.keep(real_size, &folder)?;
     }
     Ok(ExitCode::SUCCESS)
 }

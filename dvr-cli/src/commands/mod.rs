@@ -25,6 +25,7 @@ pub mod points2mesh;
 mod points_table;
 pub mod predict;
 mod provenance;
+mod real_size;
 pub mod render;
 pub mod report;
 mod resumed;

@@ -22,6 +22,9 @@ pub fn resumed_method(args: &TrainArgs, checkpoint: &Checkpoint) -> Result<Box<d
     differences.compare("--method", stored.name(), method_name(args, is_dataset)?);
     differences.compare("--supervision", stored.common().supervision, args.supervision);
     differences.compare("--refine-cameras", checkpoint.header.refine_cameras, args.refine_cameras);
+    let lengths: Vec<&str> = checkpoint.header.lengths.iter().map(|length| length.text.as_str()).collect();
+    let given: Vec<&str> = args.scale.iter().map(|length| length.text.as_str()).collect();
+    differences.compare("--scale", lengths, Some(given).filter(|given| !given.is_empty()));
     differences.compare_reading(args, checkpoint, is_dataset);
     let mut method = stored;
     // Other methods have other settings, which would only hide this.

@@ -11,7 +11,8 @@ use dvr_core::files::OutputFolder;
 use dvr_core::{Advice, Cancellation, Scene, ViewNames};
 use dvr_report::SourceRun;
 use dvr_train::{
-    Checkpoint, Error, Method, Observer, RunFolder, RunMetrics, RunOptions, Stop, ViewMetrics, finish, train,
+    Checkpoint, Error, KnownLength, Method, Observer, RunFolder, RunMetrics, RunOptions, Stop, ViewMetrics, finish,
+    train,
 };
 
 use super::cameras::{photographs_without_cameras, scene_of_photographs};
@@ -20,6 +21,7 @@ use super::masks::{are_missing, check_program, find, write};
 use super::mesh_line::mesh_line;
 use super::method_of_args::method_of_args;
 use super::points_table::print_points;
+use super::real_size::known_lengths;
 use super::resumed::resumed_method;
 use super::run_start::{RunStart, interrupted, run_options};
 use super::shape_table::print_shape;
@@ -37,6 +39,9 @@ pub fn run(args: &TrainArgs, cancellation: &Cancellation) -> Result<ExitCode> {
         Some(path) if args.reading.format.is_none_or(|format| format == Format::DVR) => is_object_dataset(path)?,
         _ => false,
     };
+    if let (true, Some(length), Some(path)) = (is_dataset, args.scale.first(), &args.scene) {
+        bail!("{}: --scale {} is for one scene, and this is a dataset of objects", path.display(), length.text);
+    }
     if args.print_config {
         println!("{}", method_of_args(args, is_dataset)?.record()?.pretty());
         return Ok(ExitCode::SUCCESS);
@@ -90,10 +95,15 @@ fn train_scene(
     let device = args.backend().training_device(method)?;
     limit_training(&device, args.reading.memory, method)?;
     let (mut scene, mut reading, mut views) = read(args, start.resumed.as_ref(), method, cancellation)?;
+    let lengths = match (&start.resumed, &args.scene) {
+        (None, Some(path)) => known_lengths(&args.scale, path, &args.reading.read_options())?,
+        (Some(checkpoint), _) => checkpoint.header.lengths.clone(),
+        (None, None) => Vec::new(),
+    };
     let mut writing = None;
     if start.resumed.is_none() && are_missing(&scene, args.reading.masks.as_ref()) {
         let memory = of_process(&device, args.reading.memory);
-        let (taken, masks) = found_masks(&mut scene, args, &mut start, method, memory, cancellation)?;
+        let (taken, masks) = found_masks(&mut scene, args, &lengths, &mut start, method, memory, cancellation)?;
         writing = Some(taken);
         (scene, reading, views) = read_with(args, Some(masks), method, cancellation)?;
     } else if start.resumed.is_none() && args.segment.segment.is_some() {
@@ -101,7 +111,10 @@ fn train_scene(
         bail!("{}: {have} of {} views have masks: {MASKS_ARE_THERE}", scene.name, scene.views.len());
     }
     scene.require_masks()?;
+    let masks = || scene.views.iter().filter_map(|view| Some((view.name.as_str(), view.training_mask()?)));
+    lengths.iter().try_for_each(|length| length.check_masks(masks()))?;
     method.check_scene(&scene)?;
+    let has_lengths = !lengths.is_empty();
     let advice = scene.advice(cancellation)?;
     scene.warnings.extend(advice.iter().map(Advice::to_string));
     describe(&scene, &views, method);
@@ -121,6 +134,7 @@ fn train_scene(
     let options = RunOptions {
         refine_cameras: args.refine_cameras.unwrap_or(0),
         follow_shape: args.follow_shape,
+        lengths,
         views: Some(views),
         ..run_options(args, folder, reading, device, cancellation)?
     };
@@ -148,6 +162,13 @@ fn train_scene(
     if metrics.mesh.is_none() {
         bail!("there is no mesh: the field has no surface. Check masks and cameras with `dvr info`");
     }
+    if has_lengths && metrics.real_size.is_none() {
+        bail!(
+            "{0}: the known lengths could not be measured, and the mesh is in the units of the scene's files. `dvr mesh {0} \
+             --scale` takes other pixels",
+            folder.root().display()
+        );
+    }
     Ok(ExitCode::SUCCESS)
 }
 
@@ -174,6 +195,7 @@ const MASKS_ARE_THERE: &str =
 fn found_masks(
     scene: &mut Scene,
     args: &TrainArgs,
+    lengths: &[KnownLength],
     start: &mut RunStart,
     method: &dyn Method,
     memory: Option<u64>,
@@ -186,6 +208,8 @@ fn found_masks(
     }
     // Before the folder is taken: a run that is to be replaced stays where nothing is found.
     let found = find(scene, by, memory, cancellation)?;
+    let masks = || scene.views.iter().map(|view| view.name.as_str()).zip(&found.masks);
+    lengths.iter().try_for_each(|length| length.check_masks(masks()))?;
     let mut writing = start.prepare(method)?;
     let masks = start.folder.masks();
     let part = masks.strip_prefix(start.folder.root())?;
@@ -269,6 +293,9 @@ fn report(metrics: &RunMetrics, folder: &RunFolder, cpu_seconds: f64) {
         if let Some(simplification) = &metrics.simplification {
             println!("{}", simplified_to(faces, simplification));
         }
+    }
+    if let Some(size) = &metrics.real_size {
+        println!("real size: {size}");
     }
     if let Some(texture) = &metrics.texture {
         let seconds = metrics.finishing_seconds.iter().find(|(part, _)| part == "texture").map_or(0.0, |(_, s)| *s);

@@ -102,12 +102,7 @@ pub(super) fn load_views(raw: &mut RawScene, options: &ReadOptions) -> Result<Ve
         return Err(OutOfRange::new("downscale", 0, "at least 1, which keeps the size").into());
     }
     check_room(raw, options)?;
-    let center = match raw.object_bounds {
-        ObjectBounds::UnitCube => Some(DVec3::ZERO),
-        ObjectBounds::Bound(bound) => Some(bound.translation),
-        ObjectBounds::Unknown => None,
-    };
-    let mirrored = |view: &RawView| center.is_some_and(|center| view.projection.mirrors(center));
+    let mirrored = |view: &RawView| is_mirrored(raw, view);
     // A view is put away by the thread that decoded it, so no more are decoded at a time than there are threads.
     let paged = PagedImages::new(options.max_memory);
     let load = |found_view| {
@@ -115,7 +110,7 @@ pub(super) fn load_views(raw: &mut RawScene, options: &ReadOptions) -> Result<Ve
         paged.keep_view(load_view(found_view, mirrored(found_view), &raw.cameras, options)?)
     };
     let loaded: Vec<Result<View>> = raw.views.par_iter().map(load).collect();
-    let n_mirrored = raw.views.iter().filter(|view| mirrored(view)).count();
+    let n_mirrored = raw.views.iter().filter(|view| is_mirrored(raw, view)).count();
     if n_mirrored > 0 {
         raw.warnings.push(format!(
             "the cameras of {n_mirrored} of {} views make mirror images; the pictures are flipped left to right",
@@ -123,6 +118,16 @@ pub(super) fn load_views(raw: &mut RawScene, options: &ReadOptions) -> Result<Ve
         ));
     }
     loaded.into_iter().collect()
+}
+
+/// Whether the camera of a view makes mirror images, so that its picture is flipped left to right.
+pub(super) fn is_mirrored(raw: &RawScene, view: &RawView) -> bool {
+    let center = match raw.object_bounds {
+        ObjectBounds::UnitCube => Some(DVec3::ZERO),
+        ObjectBounds::Bound(bound) => Some(bound.translation),
+        ObjectBounds::Unknown => None,
+    };
+    center.is_some_and(|center| view.projection.mirrors(center))
 }
 
 /// Refuses photographs that, all in memory, would take more than the machine has.

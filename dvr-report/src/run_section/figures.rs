@@ -118,6 +118,18 @@ fn cost(list: &mut List, metrics: &RunMetrics, coverage: Option<Coverage>) {
     if let Some([_, faces]) = metrics.mesh {
         list.add("Mesh", format!("{} faces", count(faces)), "as written to mesh.ply and mesh.glb");
     }
+    if let Some(size) = &metrics.real_size {
+        let [x, y, z] = size.size_metres.map(|edge| number(edge, 3));
+        let agreement = match size.lengths.len() {
+            1 => "one known length".to_owned(),
+            n => format!("{n} known lengths, which disagree by {:.1} % at most", size.disagreement_percent),
+        };
+        let explanation = format!(
+            "edges of the box around the mesh, which is in metres; a unit of the scene's files is {} m, by {agreement}",
+            number(size.metres_per_unit, 4)
+        );
+        list.add("Real size", format!("{x} \u{d7} {y} \u{d7} {z} m"), &explanation);
+    }
     if let Some(simplification) = metrics.simplification {
         let explanation = format!(
             "faces before; the surface moved by {:.2e} in the mean, {:.2e} at most, in the units of the scene",

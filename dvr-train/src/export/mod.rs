@@ -4,6 +4,7 @@ pub(crate) mod bake;
 pub(crate) mod components;
 pub(crate) mod mesh;
 pub mod preview;
+pub(crate) mod real_size;
 pub(crate) mod run_metrics;
 pub(crate) mod run_results;
 pub(crate) mod texture;

@@ -7,6 +7,7 @@ use dvr_texture::TextureReport;
 use serde::{Deserialize, Serialize};
 
 use crate::evaluate::{DepthMapsEvaluation, PointsEvaluation, ShapeEvaluation};
+use crate::export::real_size::RealSize;
 use crate::resources::Resources;
 
 /// The figures of a finished run: `metrics.json`.
@@ -39,6 +40,10 @@ pub struct RunMetrics {
     /// it was not.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub simplification: Option<Simplification>,
+    /// The real size of the object; where it is known, the mesh is in metres, and all other figures are in the units that they
+    /// have without.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub real_size: Option<RealSize>,
     /// The texture of the mesh; `None` where it has none.
     #[serde(default)]
     pub texture: Option<TextureReport>,

@@ -13,6 +13,7 @@ use crate::error::{Error, Result};
 use crate::evaluate::{DepthMapsEvaluation, PointsEvaluation, evaluate_shape};
 use crate::export::mesh::{MeshOptions, ObjectMesh, object_mesh, world_mesh};
 use crate::export::preview::preview_sheet;
+use crate::export::real_size::RealSize;
 use crate::export::run_metrics::RunMetrics;
 use crate::export::texture::photo_texture;
 use crate::export::views::surface_points;
@@ -37,7 +38,8 @@ const PREVIEW: (usize, u32) = (4, 256);
 /// What a run gives its user, in memory.
 #[derive(Clone, Debug)]
 pub struct RunResults {
-    /// The mesh in the coordinates and units of the scene's files; `None` where the field has no surface.
+    /// The mesh in the coordinates and units of the scene's files, or in metres about the same origin where the real size is
+    /// known; `None` where the field has no surface.
     pub mesh: Option<Mesh>,
     /// The same with a texture from the photographs, where one was asked for.
     pub textured: Option<TexturedMesh>,
@@ -113,6 +115,10 @@ impl RunResults {
             &PointsSettings::default(),
         );
         laps.done("shape against the truth")?;
+        let real_size = mesh.as_ref().and_then(|mesh| real_size(trained, mesh, scene, &mut warnings));
+        let to_export = RealSize::to_export(real_size.as_ref(), &outcome.header.object_to_world);
+        let exported =
+            if real_size.is_some() { mesh.as_ref().map(|mesh| world_mesh(mesh, &to_export)) } else { in_world };
         let metrics = RunMetrics {
             scene: scene.name.clone(),
             supervision: common.supervision.to_string(),
@@ -126,6 +132,7 @@ impl RunResults {
             mesh: mesh.as_ref().map(|mesh| [mesh.vertices.len(), mesh.faces.len()]),
             self_intersections: crossing,
             simplification: simplification.map(|moved| moved.scaled(outcome.header.object_to_world.scale)),
+            real_size,
             texture: textured.as_ref().map(|textured| textured.report),
             shape,
             points,
@@ -141,8 +148,8 @@ impl RunResults {
             finishing_seconds: laps.seconds,
             measuring_seconds: outcome.measuring_seconds,
         };
-        let textured = textured.map(|textured| textured.mesh.transformed(&outcome.header.object_to_world));
-        Ok(Self { mesh: in_world, textured, look: options.look, preview, metrics })
+        let textured = textured.map(|textured| textured.mesh.transformed(&to_export));
+        Ok(Self { mesh: exported, textured, look: options.look, preview, metrics })
     }
 
     /// Writes mesh (PLY with colours per vertex, GLB with the texture where there is one), preview sheet and figures into a run's folder.
@@ -203,6 +210,25 @@ fn extract(
             Ok(None)
         }
         Err(other) => Err(other),
+    }
+}
+
+/// The real size of a mesh in object space, where lengths are known; or a warning.
+fn real_size(trained: &Trained, mesh: &Mesh, scene: &Scene, warnings: &mut Vec<String>) -> Option<RealSize> {
+    let lengths = &trained.outcome.header.lengths;
+    if lengths.is_empty() {
+        return None;
+    }
+    match RealSize::measure(lengths, mesh, scene) {
+        Ok(size) => {
+            warnings.extend(size.warning());
+            Some(size)
+        }
+        // The run is trained, and another length can be given for its mesh.
+        Err(error) => {
+            warnings.push(format!("{error}; the mesh is in the units of the scene's files"));
+            None
+        }
     }
 }
 

@@ -120,6 +120,7 @@ pub fn import(found: &mut PytorchCheckpoint, options: ImportOptions, device: &De
         cameras: BTreeMap::new(),
         refine_cameras: 0,
         exposures: Default::default(),
+        lengths: Vec::new(),
         notes: Vec::new(),
     };
     Ok(Checkpoint { header, state })

@@ -122,6 +122,7 @@ pub fn train_objects(
         cameras: BTreeMap::new(),
         refine_cameras: 0,
         exposures: Default::default(),
+        lengths: Vec::new(),
         notes: Vec::new(),
     };
     let outcome = TrainingLoop::new(method, header, options, start).run(&mut learner, resume_from, observer)?;

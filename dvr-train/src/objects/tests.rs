@@ -224,6 +224,7 @@ fn header(trainer: &ObjectsTrainer) -> crate::run::checkpoint::CheckpointHeader 
         cameras: std::collections::BTreeMap::new(),
         refine_cameras: 0,
         exposures: Default::default(),
+        lengths: Vec::new(),
         notes: Vec::new(),
     }
 }

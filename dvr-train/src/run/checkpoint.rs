@@ -14,6 +14,7 @@ use safetensors::{SafeTensors, serialize};
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
+use crate::export::real_size::KnownLength;
 use crate::learners::learner::LearnerState;
 use crate::methods::record::{CommonSettings, MethodRecord};
 use crate::run::best::Best;
@@ -58,6 +59,9 @@ pub struct CheckpointHeader {
     /// What takes the training views to their mean exposure, by view: where the run found that the light changes.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub exposures: BTreeMap<String, Exposure>,
+    /// Known lengths, by which the results get their real size.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub lengths: Vec<KnownLength>,
     /// What was decided on the way and why, for people: how fine the field became, say.
     #[serde(default)]
     pub notes: Vec<String>,
@@ -144,6 +148,7 @@ mod tests {
             cameras: BTreeMap::new(),
             refine_cameras: 0,
             exposures: BTreeMap::new(),
+            lengths: Vec::new(),
             notes: Vec::new(),
         };
         let folder = tempfile::tempdir().unwrap();

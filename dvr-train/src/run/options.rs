@@ -10,6 +10,7 @@ use dvr_render::ViewMetrics;
 use super::checkpoint::{Checkpoint, CheckpointHeader};
 
 use super::folder::RunFolder;
+use crate::export::real_size::KnownLength;
 use crate::learners::learner::LearnerState;
 use crate::methods::trained_model::TrainedModel;
 
@@ -34,6 +35,8 @@ pub struct RunOptions {
     /// Whether the shape is compared with the scene's true surface at each validation, beside the clock: a column of
     /// `metrics.csv`. Nothing is learned from it.
     pub follow_shape: bool,
+    /// Known lengths, by which the results get their real size; a run that is resumed goes by its checkpoint.
+    pub lengths: Vec<KnownLength>,
     /// Asks the run to end (Ctrl-C): training saves and stops after the current step.
     pub cancellation: Cancellation,
 }
@@ -50,6 +53,7 @@ impl RunOptions {
             time_limit: None,
             refine_cameras: 0,
             follow_shape: false,
+            lengths: Vec::new(),
             cancellation: Cancellation::default(),
         }
     }

@@ -67,6 +67,7 @@ pub fn train(
         cameras,
         refine_cameras: resume_from.map_or(options.refine_cameras, |checkpoint| checkpoint.header.refine_cameras),
         exposures: BTreeMap::new(),
+        lengths: resume_from.map_or(&options.lengths, |checkpoint| &checkpoint.header.lengths).clone(),
         notes,
     };
     let mut learner = method.start(Start {

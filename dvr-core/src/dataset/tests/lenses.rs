@@ -101,6 +101,28 @@ fn a_distorted_colmap_model_is_undistorted_as_it_is_read() {
         let p = camera.rotation * point + camera.translation;
         assert!((*bearing - DVec2::new(p.x, p.y) / p.z).length() < 1e-6, "{bearing}");
     }
+    // A pixel of a file is found in the view that was made of it, at any size.
+    for downscale in [1, 2] {
+        let options = ReadOptions { downscale, ..ReadOptions::default() };
+        let scene = read_scene(root, &options).unwrap();
+        for (camera, view) in distorted.ball.cameras.iter().zip(&scene.views) {
+            let p = camera.rotation * point + camera.translation;
+            let pixel = Distorted::lens(camera).pixel_of(DVec2::new(p.x, p.y) / p.z).unwrap();
+            let expected = view.camera.project(scene.object_to_world.inverse().transform_point(point)).0;
+            for picture in [view.name.clone(), format!("{}.png", view.name)] {
+                let found = places_in_view(root, &options, &picture, &[pixel]).unwrap();
+                assert_eq!(found.view, view.name);
+                assert!(found.places[0].distance(expected) < 1e-4, "{} {expected}", found.places[0]);
+            }
+        }
+    }
+    let refused = |picture: &str, pixel: DVec2| {
+        places_in_view(root, &ReadOptions::default(), picture, &[pixel]).unwrap_err().to_string()
+    };
+    let outside = refused("0001.png", DVec2::new(f64::from(WIDTH) + 0.5, 3.5));
+    let parts = ["0001.png", &format!("pixel ({WIDTH}, 3)"), &format!("{WIDTH}x{HEIGHT}")];
+    assert!(parts.iter().all(|part| outside.contains(*part)), "{outside}");
+    assert!(refused("0100", DVec2::ONE).contains("0100"));
 }
 
 #[test]
