@@ -65,6 +65,7 @@ pub use export::preview;
 pub use export::real_size::{KnownLength, MeasuredLength, RealSize};
 pub use export::run_metrics::RunMetrics;
 pub use export::run_results::{RunResults, finish};
+pub use export::support::Support;
 pub use export::texture::photo_texture;
 pub use export::views::surface_points;
 pub use import::convert::{ImportOptions, ImportedScene, import};

@@ -93,6 +93,10 @@ pub struct TrainArgs {
     /// lengths [0.000001 to 1000000]). Meshes are then in metres. Repeatable: the mean stands, and what disagrees is told
     #[arg(long, value_name = "LENGTH", help_heading = "Mesh")]
     pub scale: Vec<KnownLengthArg>,
+    /// Where masks are found from all views: cut the mesh by the plane that the object was found to stand on, and close the cut by
+    /// a flat cap
+    #[arg(long, help_heading = "Mesh")]
+    pub drop_support: bool,
     #[command(flatten)]
     pub meshing: MeshingArgs,
     #[command(flatten)]

@@ -192,7 +192,7 @@ fn of_run(args: &EvalArgs, checkpoint: &Checkpoint, cancellation: &Cancellation)
     let split = ViewSplit::of(&scene)?;
     let seeds = surface_points(model.thorough_shader().as_ref(), &split.train, 2_000);
     // Photographs tell which small pieces stay; colours are not looked at.
-    let options = MeshOptions { colors: ColorSource::Field, ..options };
+    let options = MeshOptions { colors: ColorSource::Field, ..options }.of_run(&checkpoint.header);
     let mesh = match object_mesh(model.as_ref(), &options, &seeds, &split.train) {
         Ok(extracted) => extracted.mesh,
         Err(Error::NoMesh(reason)) => {

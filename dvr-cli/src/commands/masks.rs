@@ -7,9 +7,9 @@ use std::sync::{Mutex, PoisonError};
 
 use anyhow::{Result, bail};
 use dvr_core::files::{Claim, FolderKind, OutputFolder, write_gray_png};
-use dvr_core::{Cancellation, HOLD_OUT_EVERY, Mask, Scene};
-use dvr_segmentation::{MaskCommand, Segmentation, masks_by_program, segment};
-use dvr_train::Observer;
+use dvr_core::{Cancellation, HOLD_OUT_EVERY, HalfSpace, Mask, Scene};
+use dvr_segmentation::{MaskCommand, Segmentation, SupportPlane, masks_by_program, segment};
+use dvr_train::{Observer, Support};
 
 use super::{SceneReading, print_notes};
 use crate::args::{MasksArgs, MasksFrom};
@@ -65,6 +65,8 @@ pub struct FoundMasks {
     pub masks: Vec<Mask>,
     /// How they were found, in a sentence without its full stop.
     pub summary: String,
+    /// The object's side of what it stands on, in the coordinates of the scene's files, where that was found.
+    pub support: Option<HalfSpace>,
 }
 
 /// Finds the masks of all views, by a program where one is given, else from all views together, within `memory` where that
@@ -80,11 +82,13 @@ pub fn find(
         progress.phase(&format!("masks by {}", command.program()), scene.views.len());
         let masks = masks_by_program(&scene.views, command, cancellation, &mut |done| progress.progress(done, ""))?;
         let summary = format!("masks were made by `{command}`: the object fills {} in the mean", share(&masks));
-        return Ok(FoundMasks { masks, summary });
+        return Ok(FoundMasks { masks, summary, support: None });
     }
     make_room_for_masks(scene, memory)?;
     let found = find_from_all_views(scene, cancellation)?;
-    Ok(FoundMasks { summary: summary(&found), masks: found.masks })
+    let half = |plane: SupportPlane| HalfSpace { normal: plane.normal.as_dvec3(), offset: f64::from(plane.offset) };
+    let support = found.support.map(|plane| half(plane).transformed(&scene.object_to_world));
+    Ok(FoundMasks { summary: summary(&found, support), masks: found.masks, support })
 }
 
 fn find_from_all_views(scene: &Scene, cancellation: &Cancellation) -> Result<Segmentation> {
@@ -122,10 +126,10 @@ fn share(masks: &[Mask]) -> String {
 }
 
 /// What was found from all views, in a sentence.
-fn summary(found: &Segmentation) -> String {
-    let support = match found.support {
-        Some(_) => "it stands on a plane, which is not part of it",
-        None => "no plane that it stands on was found",
+fn summary(found: &Segmentation, support: Option<HalfSpace>) -> String {
+    let support = match support.map(|plane| Support { plane, is_dropped: false }) {
+        Some(support) => format!("it stands on a plane, which is not part of it ({support})"),
+        None => "no plane that it stands on was found".to_owned(),
     };
     format!("masks were found from all views: the object fills {} in the mean; {support}", share(&found.masks))
 }

@@ -55,6 +55,7 @@ pub fn surface_options(args: &SurfaceArgs, resolution: u32, cancellation: &Cance
         colors: ColorSource::Field,
         max_simplification: args.simplify,
         max_faces: args.faces.and_then(FaceBudget::limit),
+        cut: None,
         texture: None,
         ..base
     }

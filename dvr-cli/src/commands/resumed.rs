@@ -25,6 +25,8 @@ pub fn resumed_method(args: &TrainArgs, checkpoint: &Checkpoint) -> Result<Box<d
     let lengths: Vec<&str> = checkpoint.header.lengths.iter().map(|length| length.text.as_str()).collect();
     let given: Vec<&str> = args.scale.iter().map(|length| length.text.as_str()).collect();
     differences.compare("--scale", lengths, Some(given).filter(|given| !given.is_empty()));
+    let is_dropped = checkpoint.header.support.is_some_and(|support| support.is_dropped);
+    differences.compare("--drop-support", is_dropped, given_flag(args.drop_support));
     differences.compare_reading(args, checkpoint, is_dataset);
     let mut method = stored;
     // Other methods have other settings, which would only hide this.

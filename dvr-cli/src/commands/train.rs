@@ -11,8 +11,8 @@ use dvr_core::files::OutputFolder;
 use dvr_core::{Advice, Cancellation, Scene, ViewNames};
 use dvr_report::SourceRun;
 use dvr_train::{
-    Checkpoint, Error, KnownLength, Method, Observer, RunFolder, RunMetrics, RunOptions, Stop, ViewMetrics, finish,
-    train,
+    Checkpoint, Error, KnownLength, Method, Observer, RunFolder, RunMetrics, RunOptions, Stop, Support, ViewMetrics,
+    finish, train,
 };
 
 use super::cameras::{photographs_without_cameras, scene_of_photographs};
@@ -48,6 +48,9 @@ pub fn run(args: &TrainArgs, cancellation: &Cancellation) -> Result<ExitCode> {
     }
     let Some(out) = &args.out else { bail!("no output folder was given: add --out DIR") };
     check_program(args.segment.segment.as_ref(), args.reading.masks.as_ref())?;
+    if args.drop_support && (is_dataset || args.segment.segment.is_some()) {
+        bail!("--drop-support {NEEDS_PLANE}");
+    }
     if let (true, Some(_), Some(path)) = (is_dataset, &args.segment.segment, &args.scene) {
         bail!("{}: --segment makes masks of the views of one scene, and this is a dataset of objects", path.display());
     }
@@ -100,17 +103,21 @@ fn train_scene(
         (Some(checkpoint), _) => checkpoint.header.lengths.clone(),
         (None, None) => Vec::new(),
     };
-    let mut writing = None;
+    let (mut writing, mut support) = (None, start.resumed.as_ref().and_then(|checkpoint| checkpoint.header.support));
     if start.resumed.is_none() && are_missing(&scene, args.reading.masks.as_ref()) {
         let memory = of_process(&device, args.reading.memory);
-        let (taken, masks) = found_masks(&mut scene, args, &lengths, &mut start, method, memory, cancellation)?;
+        let (taken, masks, plane) = found_masks(&mut scene, args, &lengths, &mut start, method, memory, cancellation)?;
         writing = Some(taken);
+        support = plane;
         (scene, reading, views) = read_with(args, Some(masks), method, cancellation)?;
     } else if start.resumed.is_none() && args.segment.segment.is_some() {
         let have = scene.views.iter().filter(|view| view.mask.is_some()).count();
         bail!("{}: {have} of {} views have masks: {MASKS_ARE_THERE}", scene.name, scene.views.len());
     }
     scene.require_masks()?;
+    if args.drop_support && support.is_none() {
+        bail!("{}: --drop-support {NEEDS_PLANE}", scene.name);
+    }
     let masks = || scene.views.iter().filter_map(|view| Some((view.name.as_str(), view.training_mask()?)));
     lengths.iter().try_for_each(|length| length.check_masks(masks()))?;
     method.check_scene(&scene)?;
@@ -135,6 +142,7 @@ fn train_scene(
         refine_cameras: args.refine_cameras.unwrap_or(0),
         follow_shape: args.follow_shape,
         lengths,
+        support,
         views: Some(views),
         ..run_options(args, folder, reading, device, cancellation)?
     };
@@ -191,6 +199,10 @@ fn read(
 const MASKS_ARE_THERE: &str =
     "--segment makes masks where no view has one. Leave it out to use these, or move them away";
 
+/// Why a support cannot be dropped.
+const NEEDS_PLANE: &str =
+    "cuts by the plane that is found together with masks from all views, where no view has one. Leave it out";
+
 /// Finds the masks of a scene that has none, and takes the run's folder to write them into it.
 fn found_masks(
     scene: &mut Scene,
@@ -200,7 +212,7 @@ fn found_masks(
     method: &dyn Method,
     memory: Option<u64>,
     cancellation: &Cancellation,
-) -> Result<(OutputFolder, PathBuf)> {
+) -> Result<(OutputFolder, PathBuf, Option<Support>)> {
     let by = args.segment.segment.as_ref();
     match by {
         Some(command) => eprintln!("{}: no view has a mask; `{command}` makes them", scene.name),
@@ -208,6 +220,9 @@ fn found_masks(
     }
     // Before the folder is taken: a run that is to be replaced stays where nothing is found.
     let found = find(scene, by, memory, cancellation)?;
+    if args.drop_support && found.support.is_none() {
+        bail!("{}: no plane that the object stands on was found; leave --drop-support out", scene.name);
+    }
     let masks = || scene.views.iter().map(|view| view.name.as_str()).zip(&found.masks);
     lengths.iter().try_for_each(|length| length.check_masks(masks()))?;
     let mut writing = start.prepare(method)?;
@@ -220,7 +235,8 @@ fn found_masks(
         found.summary,
         place.display()
     )]);
-    Ok((writing, place.canonicalize().unwrap_or(place)))
+    let support = found.support.map(|plane| Support { plane, is_dropped: args.drop_support });
+    Ok((writing, place.canonicalize().unwrap_or(place), support))
 }
 
 /// The scene that the arguments name, with the masks of a folder where they were found.
@@ -293,6 +309,9 @@ fn report(metrics: &RunMetrics, folder: &RunFolder, cpu_seconds: f64) {
         if let Some(simplification) = &metrics.simplification {
             println!("{}", simplified_to(faces, simplification));
         }
+    }
+    if let Some(support) = &metrics.support {
+        println!("support plane: {support}");
     }
     if let Some(size) = &metrics.real_size {
         println!("real size: {size}");

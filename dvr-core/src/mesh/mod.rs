@@ -3,6 +3,7 @@
 mod accessor;
 mod base_color;
 mod components;
+mod cut;
 mod glb;
 mod glb_buffer;
 mod gltf;

@@ -118,6 +118,16 @@ fn cost(list: &mut List, metrics: &RunMetrics, coverage: Option<Coverage>) {
     if let Some([_, faces]) = metrics.mesh {
         list.add("Mesh", format!("{} faces", count(faces)), "as written to mesh.ply and mesh.glb");
     }
+    if let Some(support) = &metrics.support {
+        let [x, y, z] = support.plane.normal.to_array().map(|part| number(part, 3));
+        let explanation = format!(
+            "normal of the plane that the object stands on, found with its masks; it lies at {} along it from the origin, in \
+             units of the scene; the mesh is {}",
+            number(support.plane.offset, 4),
+            if support.is_dropped { "cut by it" } else { "not cut by it" }
+        );
+        list.add("Support plane", format!("({x}, {y}, {z})"), &explanation);
+    }
     if let Some(size) = &metrics.real_size {
         let [x, y, z] = size.size_metres.map(|edge| number(edge, 3));
         let agreement = match size.lengths.len() {

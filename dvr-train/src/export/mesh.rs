@@ -2,7 +2,7 @@
 
 use dvr_core::mesh::{Look, Mesh, connected_components};
 use dvr_core::metrics::Simplification;
-use dvr_core::{Camera, Similarity, View, Visibility};
+use dvr_core::{Camera, HalfSpace, Similarity, View, Visibility};
 use dvr_render::extract::ExtractError;
 use dvr_render::extract::{ExtractSettings, ScalarField, extract_mesh};
 use dvr_texture::TextureSettings;
@@ -11,6 +11,7 @@ use glam::Vec3;
 use crate::error::{Error, Result};
 use crate::export::bake::bake_colors;
 use crate::export::components::drop_unshown;
+use crate::run::checkpoint::CheckpointHeader;
 
 /// Where the vertex colours of a mesh come from.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -34,6 +35,8 @@ pub struct MeshOptions {
     /// How many faces the mesh may have, 4 at least; `None` keeps them all. Charts, texture and colours are those of the
     /// simple mesh.
     pub max_faces: Option<usize>,
+    /// The half of object space that the mesh is cut to, before it is simplified and coloured; caps close the cut.
+    pub cut: Option<HalfSpace>,
     /// How photographs become the texture of a run's mesh; `None` for none. Colours of the field
     /// ([`ColorSource::Field`]) have none either.
     pub texture: Option<TextureSettings>,
@@ -55,6 +58,13 @@ impl MeshOptions {
     /// How these views become a texture; `None` where none is asked for, or there are no views.
     pub(crate) fn texture_from(&self, views: &[&View]) -> Option<TextureSettings> {
         self.texture.filter(|_| self.colors == ColorSource::Photos && !views.is_empty())
+    }
+
+    /// The same for a run, whose mesh is cut by what the object stands on where the run says so.
+    pub fn of_run(self, header: &CheckpointHeader) -> Self {
+        let to_object = header.object_to_world.inverse();
+        let dropped = header.support.filter(|support| support.is_dropped);
+        Self { cut: dropped.map(|support| support.plane.transformed(&to_object)), ..self }
     }
 
     /// The same with at most this many bytes for the texture.
@@ -101,6 +111,14 @@ pub fn object_mesh(
     let mut warnings: Vec<String> = extracted.warnings.iter().map(ToString::to_string).collect();
     if extracted.dropped_components > 0 {
         warnings.push(format!("{} small loose component(s) were dropped from the mesh", extracted.dropped_components));
+    }
+    if let Some(half) = &options.cut {
+        extracted.mesh = extracted.mesh.cut_before(half);
+        if extracted.mesh.is_empty() {
+            return Err(Error::NoMesh(
+                "nothing of the mesh is on the object's side of the plane that it stands on".into(),
+            ));
+        }
     }
     cancellation.check()?;
     let (mut mesh, full, simplification) = simplified(extracted.mesh, options, &mut warnings);

@@ -7,5 +7,6 @@ pub mod preview;
 pub(crate) mod real_size;
 pub(crate) mod run_metrics;
 pub(crate) mod run_results;
+pub(crate) mod support;
 pub(crate) mod texture;
 pub(crate) mod views;

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::evaluate::{DepthMapsEvaluation, PointsEvaluation, ShapeEvaluation};
 use crate::export::real_size::RealSize;
+use crate::export::support::Support;
 use crate::resources::Resources;
 
 /// The figures of a finished run: `metrics.json`.
@@ -44,6 +45,9 @@ pub struct RunMetrics {
     /// have without.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub real_size: Option<RealSize>,
+    /// What the object stands on, where that was found with its masks.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub support: Option<Support>,
     /// The texture of the mesh; `None` where it has none.
     #[serde(default)]
     pub texture: Option<TextureReport>,

@@ -71,6 +71,7 @@ impl RunResults {
         let views = ViewSplit::of(scene)?;
         let mut laps = Laps::new(observer, &options.extraction.cancellation);
         let mut warnings = scene.warnings.clone();
+        let options = &options.clone().of_run(&outcome.header);
         let extracted = extract(trained, options, &views, &mut warnings)?;
         let simplification = extracted.as_ref().and_then(|extracted| extracted.simplification);
         laps.done("mesh")?;
@@ -133,6 +134,7 @@ impl RunResults {
             self_intersections: crossing,
             simplification: simplification.map(|moved| moved.scaled(outcome.header.object_to_world.scale)),
             real_size,
+            support: outcome.header.support,
             texture: textured.as_ref().map(|textured| textured.report),
             shape,
             points,

@@ -121,6 +121,7 @@ pub fn import(found: &mut PytorchCheckpoint, options: ImportOptions, device: &De
         refine_cameras: 0,
         exposures: Default::default(),
         lengths: Vec::new(),
+        support: None,
         notes: Vec::new(),
     };
     Ok(Checkpoint { header, state })

@@ -123,6 +123,7 @@ pub fn train_objects(
         refine_cameras: 0,
         exposures: Default::default(),
         lengths: Vec::new(),
+        support: None,
         notes: Vec::new(),
     };
     let outcome = TrainingLoop::new(method, header, options, start).run(&mut learner, resume_from, observer)?;

@@ -225,6 +225,7 @@ fn header(trainer: &ObjectsTrainer) -> crate::run::checkpoint::CheckpointHeader 
         refine_cameras: 0,
         exposures: Default::default(),
         lengths: Vec::new(),
+        support: None,
         notes: Vec::new(),
     }
 }

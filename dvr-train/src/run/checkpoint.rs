@@ -15,6 +15,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
 use crate::export::real_size::KnownLength;
+use crate::export::support::Support;
 use crate::learners::learner::LearnerState;
 use crate::methods::record::{CommonSettings, MethodRecord};
 use crate::run::best::Best;
@@ -62,6 +63,9 @@ pub struct CheckpointHeader {
     /// Known lengths, by which the results get their real size.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub lengths: Vec<KnownLength>,
+    /// What the object stands on, where that was found with its masks.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub support: Option<Support>,
     /// What was decided on the way and why, for people: how fine the field became, say.
     #[serde(default)]
     pub notes: Vec<String>,
@@ -149,6 +153,7 @@ mod tests {
             refine_cameras: 0,
             exposures: BTreeMap::new(),
             lengths: Vec::new(),
+            support: None,
             notes: Vec::new(),
         };
         let folder = tempfile::tempdir().unwrap();

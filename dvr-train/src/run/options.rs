@@ -11,6 +11,7 @@ use super::checkpoint::{Checkpoint, CheckpointHeader};
 
 use super::folder::RunFolder;
 use crate::export::real_size::KnownLength;
+use crate::export::support::Support;
 use crate::learners::learner::LearnerState;
 use crate::methods::trained_model::TrainedModel;
 
@@ -37,6 +38,8 @@ pub struct RunOptions {
     pub follow_shape: bool,
     /// Known lengths, by which the results get their real size; a run that is resumed goes by its checkpoint.
     pub lengths: Vec<KnownLength>,
+    /// What the object stands on, where that is known; a run that is resumed goes by its checkpoint.
+    pub support: Option<Support>,
     /// Asks the run to end (Ctrl-C): training saves and stops after the current step.
     pub cancellation: Cancellation,
 }
@@ -54,6 +57,7 @@ impl RunOptions {
             refine_cameras: 0,
             follow_shape: false,
             lengths: Vec::new(),
+            support: None,
             cancellation: Cancellation::default(),
         }
     }

@@ -68,6 +68,7 @@ pub fn train(
         refine_cameras: resume_from.map_or(options.refine_cameras, |checkpoint| checkpoint.header.refine_cameras),
         exposures: BTreeMap::new(),
         lengths: resume_from.map_or(&options.lengths, |checkpoint| &checkpoint.header.lengths).clone(),
+        support: resume_from.map_or(options.support, |checkpoint| checkpoint.header.support),
         notes,
     };
     let mut learner = method.start(Start {
