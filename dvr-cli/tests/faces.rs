@@ -59,7 +59,7 @@ fn a_mesh_of_few_faces_is_made_of_a_run_with_its_texture() {
 
 #[test]
 fn a_run_with_a_budget_says_what_it_cost() {
-    let (tiny, run) = trained(&["--faces", "300", "--no-report"]);
+    let (tiny, run) = trained(&["--faces", "300", "--normal-map", "on", "--no-report"]);
     let metrics = metrics(&run);
     let simplification = &metrics["simplification"];
     assert!(metrics["mesh"][1].as_u64().unwrap() <= 300, "{}", metrics["mesh"]);
@@ -127,17 +127,18 @@ fn a_simplified_mesh_with_a_texture_has_the_normals_of_the_full_one_as_a_texture
         let arguments = ["texture", text(&bare), "--data", text(&scene), "--size", "512", "--out", text(&out)];
         (succeeds(&dvr(&[&arguments[..], more].concat())), out)
     };
-    let (said, glb) = made("on.glb", &["--faces", "500"]);
+    let (said, glb) = made("on.glb", &["--faces", "500", "--normal-map", "on"]);
     assert!(said.contains("normal map: 256x256 texels, the full mesh met along the normals at"), "{said}");
     assert_eq!(normal_map(&glb), (true, true, true), "the colours are still shown as they are");
     assert!(has_texture(&read_mesh(&glb).unwrap()));
     let lit = made("lit.glb", &["--faces", "500", "--look", "material"]).1;
     assert_eq!(normal_map(&lit), (true, true, false));
-    for more in [&["--faces", "500", "--normal-map", "off"][..], &[]] {
+    let lit_without = ["--faces", "500", "--look", "material", "--normal-map", "off"];
+    for more in [&lit_without[..], &["--faces", "500"], &[]] {
         let (said, glb) = made(&format!("{}.glb", more.len()), more);
         assert!(!said.contains("normal map") && !normal_map(&glb).0 && !normal_map(&glb).1, "{more:?}: {said}");
     }
-    assert!(!made("m.obj", &["--faces", "500"]).0.contains("normal map"), "GLB alone has one");
+    assert!(!made("m.obj", &["--faces", "500", "--normal-map", "on"]).0.contains("normal map"), "GLB alone has one");
     let again = made("a.glb", &["--faces", "500", "--normal-map", "on"]).1;
     assert!(parts(&again).1 == parts(&glb).1, "the same bytes each time");
     refuses(

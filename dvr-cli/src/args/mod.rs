@@ -44,7 +44,7 @@ pub use report::ReportArgs;
 pub use scene::{InfoArgs, SceneArgs};
 pub use stress::StressArgs;
 pub use synth::SynthArgs;
-pub use texture::{NormalMapChoice, TextureArg, TextureArgs, texture_settings};
+pub use texture::{TextureArg, TextureArgs, texture_settings};
 pub use train::TrainArgs;
 pub use variant::Variant;
 

@@ -94,10 +94,21 @@ pub struct FinishArgs {
     /// What viewers do with the colours of the texture
     #[arg(long, value_enum, default_value_t = LookArg::Baked)]
     pub look: LookArg,
-    /// Give the GLB of a simplified mesh with a texture the normals of the full one as a texture, in tangent space: for
-    /// viewers that light it (--look material)
-    #[arg(long, value_enum, default_value_t = NormalMapChoice::On, value_name = "WHETHER")]
-    pub normal_map: NormalMapChoice,
+    /// Give the GLB of a simplified mesh with a texture the normals of the full one as a texture, in tangent space
+    /// [default: on with --look material, where viewers light the surface]
+    #[arg(long, value_enum, value_name = "WHETHER")]
+    pub normal_map: Option<NormalMapChoice>,
+}
+
+impl FinishArgs {
+    /// Whether a simplified mesh gets a normal map: where nothing is said, if it will be lit.
+    pub fn has_normal_map(&self) -> bool {
+        let choice = self.normal_map.unwrap_or(match self.look {
+            LookArg::Baked => NormalMapChoice::Off,
+            LookArg::Material => NormalMapChoice::On,
+        });
+        choice == NormalMapChoice::On
+    }
 }
 
 /// Whether a GLB has a normal map.
@@ -163,7 +174,7 @@ mod tests {
     #[test]
     fn the_preset_limits_a_size_that_was_not_asked_for() {
         let web = PresetArg { preset: Preset::Web };
-        let finish = FinishArgs { look: LookArg::Baked, normal_map: NormalMapChoice::On };
+        let finish = FinishArgs { look: LookArg::Baked, normal_map: None };
         let of = |texture: Option<TextureChoice>| TextureArg { texture, finish }.settings(web);
         assert_eq!(of(None).map(|settings| (settings.size, settings.largest_auto)), Some((TextureSize::Auto, 2048)));
         let asked = of(Some(TextureChoice::Of(TextureSize::Auto))).unwrap();

@@ -27,7 +27,8 @@ pub fn run(args: &MeshArgs, cancellation: &Cancellation) -> Result<ExitCode> {
     let folder = RunFolder::new(if args.run.is_dir() { args.run.clone() } else { parent(&args.run) });
     let own = vec![folder.mesh_ply(), folder.mesh_glb()];
     let (targets, _writing) = place_for(&folder, args.out.as_ref(), own, args.overwrite)?;
-    let mut options = run_mesh_options(&args.meshing, args.texture, args.preset, cancellation).of_run(&checkpoint.header);
+    let mut options =
+        run_mesh_options(&args.meshing, args.texture, args.preset, cancellation).of_run(&checkpoint.header);
     // No other format has one.
     options.normal_map &= targets.iter().any(|target| is_glb(target));
     for beside in targets.iter().flat_map(|target| files_beside(target, options.texture.is_some())) {

@@ -4,7 +4,7 @@ use dvr_core::Cancellation;
 use dvr_render::extract::{Contour, ExtractSettings};
 use dvr_train::{ColorSource, MeshOptions};
 
-use crate::args::{Colors, ContourName, FaceBudget, MeshingArgs, NormalMapChoice, PresetArg, SurfaceArgs, TextureArg};
+use crate::args::{Colors, ContourName, FaceBudget, MeshingArgs, PresetArg, SurfaceArgs, TextureArg};
 
 /// Cells per edge of a scene's mesh.
 pub const SCENE_RESOLUTION: u32 = 256;
@@ -31,7 +31,7 @@ pub fn run_mesh_options(
 ) -> MeshOptions {
     MeshOptions {
         texture: texture.settings(preset),
-        normal_map: texture.finish.normal_map == NormalMapChoice::On,
+        normal_map: texture.finish.has_normal_map(),
         look: texture.finish.look.look(),
         max_faces: preset.max_faces(args.surface.faces),
         ..mesh_options(args, SCENE_RESOLUTION, cancellation)

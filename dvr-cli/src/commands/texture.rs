@@ -13,7 +13,7 @@ use dvr_train::{HostMemory, Observer, over_budget};
 
 use super::simplified::simplified_to;
 use super::{SceneReading, print_notes, refinement_notes};
-use crate::args::{NormalMapChoice, TextureArgs, texture_settings};
+use crate::args::{TextureArgs, texture_settings};
 use crate::memory::make_room_for_texture;
 use crate::progress::Progress;
 
@@ -56,7 +56,7 @@ pub fn run(args: &TextureArgs, cancellation: &Cancellation) -> Result<ExitCode> 
     let done = |done: usize, part: &str| progress.progress(done, part);
     let mut textured = texture_mesh(&mesh, &views, &settings, cancellation, done)?;
     drop(progress);
-    let has_map = args.finish.normal_map == NormalMapChoice::On && is_glb(&args.out);
+    let has_map = args.finish.has_normal_map() && is_glb(&args.out);
     if let Some((full, moved)) = full.filter(|_| has_map) {
         bake_normals(&mut textured, &full, moved, cancellation)?;
     }
