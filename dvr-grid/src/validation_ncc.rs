@@ -16,7 +16,7 @@ use crate::surface::Surface;
 use crate::views::TrainingView;
 
 /// Pixels that are scored, at most, of all validation photographs together.
-const PIXELS: usize = 6000;
+const PIXELS: usize = 24_000;
 
 /// With fewer, nothing is scored: the photographs are plain.
 const FEWEST: usize = 100;
