@@ -76,7 +76,7 @@ pub enum Command {
     /// Find the masks of pictures that have none, from all views together
     Masks(MasksArgs),
     /// Reconstruct a scene: train, then write mesh, preview sheet, metrics and report
-    Train(TrainArgs),
+    Train(Box<TrainArgs>),
     /// Extract a run's mesh, at any resolution and in any format
     Mesh(MeshArgs),
     /// Give any mesh a texture from a scene's photographs
@@ -87,7 +87,7 @@ pub enum Command {
     /// Render a run or a mesh: the dataset's views, or an orbit with a turntable animation
     Render(RenderArgs),
     /// Evaluate a run or a mesh: shape against ground truth, verified points or a DTU scan, renders against test views
-    Eval(EvalArgs),
+    Eval(Box<EvalArgs>),
     /// Write a report of one run, or of several side by side, as an HTML page: mesh in 3D, test views, curves,
     /// settings
     Report(ReportArgs),

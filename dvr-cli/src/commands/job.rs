@@ -121,7 +121,7 @@ impl Job<'_> {
     pub fn settings(&self) -> Result<Value> {
         let arguments = [OsString::from("dvr")].into_iter().chain(self.arguments());
         let args::Command::Train(train) = Cli::try_parse_from(arguments)?.command else { bail!("no training") };
-        let TrainArgs { refine_cameras, follow_shape, time, .. } = train;
+        let TrainArgs { refine_cameras, follow_shape, time, .. } = *train;
         Ok(json!({
             "method": method_of_args(&train, false)?.record()?,
             "reading": SceneReading::of_arguments(&train.reading),
