@@ -17,6 +17,9 @@ const LOOK_EVERY: Duration = Duration::from_millis(50);
 /// How long a program may take to end when it is asked to.
 const PATIENCE: Duration = Duration::from_secs(1);
 
+/// How long what a program said at its end may take to arrive, where something that it started keeps its output open.
+const LAST_WORDS: Duration = Duration::from_millis(500);
+
 /// Lines and pieces that may wait to be heard; a program that is faster waits itself.
 const WAITING: usize = 64;
 
@@ -77,6 +80,8 @@ pub fn run(
     if let Some(stream) = child.stderr.take() {
         follow(stream, sender, Said::Err);
     }
+    // What a program leaves in the background may hold its output open for good.
+    let mut over: Option<Instant> = None;
     loop {
         if cancellation.is_cancelled() {
             end(&mut child);
@@ -86,7 +91,14 @@ pub fn run(
             Ok(Said::Out(line)) => heard(Heard::Out(&line)),
             Ok(Said::Err(line)) => heard(Heard::Err(&line)),
             Ok(Said::Bytes(bytes)) => heard(Heard::Bytes(&bytes)),
-            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Timeout) => {
+                if over.is_none() && child.try_wait().map_err(ProgramError::NotHeard)?.is_some() {
+                    over = Some(Instant::now());
+                }
+                if over.is_some_and(|since| since.elapsed() > LAST_WORDS) {
+                    break;
+                }
+            }
             Err(RecvTimeoutError::Disconnected) => break,
         }
     }
@@ -215,6 +227,15 @@ mod tests {
         result.unwrap();
         lines.sort();
         assert_eq!(lines, ["!c", "a", "b", "d"]);
+    }
+
+    #[test]
+    fn what_goes_on_in_the_background_is_not_waited_for() {
+        let begun = Instant::now();
+        let (result, lines) = shell("sleep 60 & echo begun", &Cancellation::default());
+        result.unwrap();
+        assert_eq!(lines, ["begun"]);
+        assert!(begun.elapsed() < Duration::from_secs(30), "{:?}", begun.elapsed());
     }
 
     #[test]
