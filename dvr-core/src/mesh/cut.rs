@@ -11,7 +11,7 @@ impl Mesh {
     /// rims: with their colours, and closed by index where the mesh is.
     ///
     /// Rims within rims are holes in their caps. Caps are triangulated by ear clipping (the crate `earcut`, after Held 2001);
-    /// where that cannot be closed, since rims cross each other, each rim gets a fan around its middle.
+    /// where a cap cannot be closed, since its rims cross each other or are points, each of them gets a fan around its middle.
     pub fn cut_before(&self, half: &HalfSpace) -> Self {
         let mut cut = Cut::new(self, half);
         for face in &self.faces {
@@ -28,9 +28,11 @@ impl Mesh {
                 DVec2::new(p.dot(x), p.dot(y))
             };
             let rims: Vec<Rim> = rims.into_iter().map(|corners| Rim::new(corners, flat)).collect();
-            match caps(&rims) {
-                Some(faces) => mesh.faces.extend(faces),
-                None => rims.iter().for_each(|rim| mesh.fan(&rim.corners)),
+            for part in parts(&rims) {
+                match cap(&part) {
+                    Some(faces) => mesh.faces.extend(faces),
+                    None => part.iter().for_each(|rim| mesh.fan(&rim.corners)),
+                }
             }
         }
         mesh
@@ -200,20 +202,18 @@ impl Rim {
     }
 }
 
-/// Faces that close all rims; `None` where they would not be closed.
-fn caps(rims: &[Rim]) -> Option<Vec<[u32; 3]>> {
+/// The rims of each cap, the outer one first. A hole that nothing is around, as rounding makes of a point, is a part of its own.
+fn parts(rims: &[Rim]) -> Vec<Vec<&Rim>> {
     let (outer, holes): (Vec<&Rim>, Vec<&Rim>) = rims.iter().partition(|rim| rim.area >= 0.0);
     let mut parts: Vec<Vec<&Rim>> = outer.iter().map(|rim| vec![*rim]).collect();
     for hole in holes {
         let around = (0..outer.len()).filter(|&i| outer[i].holds(hole.flat[0]));
-        let nearest = around.min_by(|&a, &b| outer[a].area.total_cmp(&outer[b].area))?;
-        parts[nearest].push(hole);
+        match around.min_by(|&a, &b| outer[a].area.total_cmp(&outer[b].area)) {
+            Some(nearest) => parts[nearest].push(hole),
+            None => parts.push(vec![hole]),
+        }
     }
-    let mut faces = Vec::new();
-    for part in parts {
-        faces.extend(cap(&part)?);
-    }
-    Some(faces)
+    parts
 }
 
 /// Faces of a cap with its holes behind its outer rim; `None` where they would not close it.
@@ -369,6 +369,27 @@ mod tests {
             let [upper, _] = halves(&cuboid, half(DVec3::Y, offset));
             assert!((volume(&upper) - 4.0 * (1.0 - offset)).abs() < 1e-5, "{offset}");
         }
+    }
+
+    #[test]
+    fn what_touches_the_plane_in_a_point_spoils_no_other_cap() {
+        let mut mesh = shapes::torus(1.0, 0.4, 40, 20);
+        let torus = volume(&mesh);
+        let first = mesh.vertices.len() as u32;
+        // A double pyramid beside it that stands on its tip.
+        let corners = [Vec3::X, Vec3::Z, -Vec3::X, -Vec3::Z].map(|side| 0.5 * side + 0.5 * Vec3::Y);
+        let tips = [Vec3::Y, Vec3::ZERO];
+        mesh.vertices.extend(corners.iter().chain(&tips).map(|&corner| corner + 5.0 * Vec3::X));
+        for i in 0..4 {
+            let [a, b] = [first + i, first + (i + 1) % 4];
+            mesh.faces.extend([[a, b, first + 5], [b, a, first + 4]]);
+        }
+        let pyramids = volume(&mesh) - torus;
+        assert!((pyramids - 1.0 / 6.0).abs() < 1e-6, "{pyramids}");
+        (mesh.normals, mesh.colors) = (None, None);
+        let cut = mesh.cut_before(&half(DVec3::Y, 0.0));
+        assert_eq!(cut.open_edges(), 0);
+        assert!((volume(&cut) - torus / 2.0 - pyramids).abs() < 1e-3, "{} {torus} {pyramids}", volume(&cut));
     }
 
     #[test]

@@ -52,7 +52,7 @@ impl MeshOptions {
     pub fn with_resolution(resolution: usize) -> Self {
         let upsampling_steps = (resolution / 64).max(1).ilog2() as usize;
         let extraction = ExtractSettings { resolution, upsampling_steps, ..ExtractSettings::default() };
-        Self { extraction, texture: Some(TextureSettings::default()), normal_map: true, ..Self::default() }
+        Self { extraction, texture: Some(TextureSettings::default()), ..Self::default() }
     }
 
     /// How these views become a texture; `None` where none is asked for, or there are no views.
@@ -107,11 +107,6 @@ pub fn object_mesh(
         ExtractError::Cancelled(cancelled) => Error::Cancelled(cancelled),
         error => Error::NoMesh(error.to_string()),
     })?;
-    extracted.dropped_components += drop_unshown(&mut extracted.mesh, options.extraction.min_component_share, views);
-    let mut warnings: Vec<String> = extracted.warnings.iter().map(ToString::to_string).collect();
-    if extracted.dropped_components > 0 {
-        warnings.push(format!("{} small loose component(s) were dropped from the mesh", extracted.dropped_components));
-    }
     if let Some(half) = &options.cut {
         extracted.mesh = extracted.mesh.cut_before(half);
         if extracted.mesh.is_empty() {
@@ -119,6 +114,12 @@ pub fn object_mesh(
                 "nothing of the mesh is on the object's side of the plane that it stands on".into(),
             ));
         }
+    }
+    // After the cut, which may leave pieces of its own.
+    extracted.dropped_components += drop_unshown(&mut extracted.mesh, options.extraction.min_component_share, views);
+    let mut warnings: Vec<String> = extracted.warnings.iter().map(ToString::to_string).collect();
+    if extracted.dropped_components > 0 {
+        warnings.push(format!("{} small loose component(s) were dropped from the mesh", extracted.dropped_components));
     }
     cancellation.check()?;
     let (mut mesh, full, simplification) = simplified(extracted.mesh, options, &mut warnings);
