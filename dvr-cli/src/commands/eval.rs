@@ -20,6 +20,7 @@ use super::depth_table::print_depth_maps;
 use super::eval_dtu::{DtuEvaluation, print_dtu, score_by_dtu};
 use super::mesh_line::mesh_line;
 use super::points_table::{print_points, score_by_points, settings, verified_points};
+use super::real_size::refuse_metres;
 use super::resumed::refuse_other_reading;
 use super::shape_table::print_shape;
 use super::stored_run::is_mesh;
@@ -139,6 +140,7 @@ fn of_mesh(args: &EvalArgs, mesh: &Path, cancellation: &Cancellation) -> Result<
     if args.depth_maps {
         bail!("--depth-maps measures what a run started from, and this is a mesh");
     }
+    refuse_metres(mesh)?;
     let textured = read_mesh(mesh)?;
     let Some(data) = &args.data else {
         let points = score_by_points(&args.points, &textured.mesh, None, false)?;

@@ -112,7 +112,7 @@ pub fn run(args: &MeshArgs, cancellation: &Cancellation) -> Result<ExitCode> {
         }
         println!("wrote {} ({} vertices, {} faces)", path.display(), mesh.vertices.len(), mesh.faces.len());
     }
-    if let (Some(kept), None) = (kept, &args.out) {
+    if let (Some(kept), None, false) = (kept, &args.out, args.object_space) {
         if real_size.is_some() && !kept.has_figures() {
             eprintln!("note: the run has no metrics.json, and does not keep its real size");
         }

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Error, Result, bail};
 use dvr_core::Scene;
 use dvr_core::dataset::{ReadOptions, places_in_view};
 use dvr_core::files::{read_text, write_bytes_atomically};
@@ -101,6 +101,21 @@ impl KeptSize {
         Ok(Some(RealSize::measure(&lengths, mesh, scene)?))
     }
 
+    /// What a run that goes on measures at its end: the lengths of its figures, which `dvr mesh` may have replaced, else those
+    /// that it began with.
+    ///
+    /// # Errors
+    /// Where the figures' lengths cannot be found in the scene at `path`.
+    pub fn lengths(self, path: &Path, options: &ReadOptions) -> Result<Vec<KnownLength>> {
+        let Some(kept) = self.kept else { return Ok(self.lengths) };
+        let texts: Vec<String> = kept.iter().flat_map(|size| &size.lengths).map(|length| length.text.clone()).collect();
+        if texts.iter().eq(self.lengths.iter().map(|length| &length.text)) {
+            return Ok(self.lengths);
+        }
+        let parsed = texts.iter().map(|text| text.parse::<KnownLengthArg>().map_err(Error::msg));
+        known_lengths(&parsed.collect::<Result<Vec<_>>>()?, path, options)
+    }
+
     /// Keeps the real size of the mesh that was written in place of the run's.
     ///
     /// # Errors
@@ -119,6 +134,31 @@ impl KeptSize {
     pub fn has_figures(&self) -> bool {
         self.kept.is_some()
     }
+}
+
+/// Refuses a run's own mesh where it is in metres: whoever compares it with the scene takes it for one in the scene's units.
+///
+/// # Errors
+/// Names the mesh and how to write another.
+pub fn refuse_metres(mesh: &Path) -> Result<()> {
+    let Some(run) = mesh.parent() else { return Ok(()) };
+    let folder = RunFolder::new(run.to_owned());
+    let is_own = [folder.mesh_ply(), folder.mesh_glb()].iter().any(|own| own.file_name() == mesh.file_name());
+    let figures = folder.metrics_json();
+    if !is_own || !figures.is_file() {
+        return Ok(());
+    }
+    let size = read_text(&figures).ok().and_then(|text| serde_json::from_str::<Figures>(&text).ok());
+    if size.is_some_and(|figures| figures.real_size.is_some()) {
+        let run = if run.as_os_str().is_empty() { Path::new(".") } else { run };
+        bail!(
+            "{}: this mesh is in metres (--scale), and the scene is not. Give the run instead, or write a mesh in the units of \
+             the scene: dvr mesh {} --scale off --out FILE",
+            mesh.display(),
+            run.display()
+        );
+    }
+    Ok(())
 }
 
 fn read_figures<T: DeserializeOwned>(path: &Path) -> Result<T> {

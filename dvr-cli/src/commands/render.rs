@@ -14,6 +14,7 @@ use dvr_train::{Checkpoint, Observer};
 use glam::DVec3;
 use image::RgbImage;
 
+use super::real_size::refuse_metres;
 use super::stored_run::is_mesh;
 use super::turntable::Turntable;
 use super::{load_model, load_run, print_notes, scene_of_run};
@@ -75,6 +76,9 @@ fn of_run(args: &RenderArgs, claim: Claim, turntable: &Turntable, cancellation: 
 fn of_mesh(args: &RenderArgs, claim: Claim, turntable: &Turntable, cancellation: &Cancellation) -> Result<()> {
     if args.object.is_some() {
         bail!("--object chooses an object of a run, and this is a mesh");
+    }
+    if args.data.is_some() {
+        refuse_metres(&args.subject)?;
     }
     let mut warnings = Vec::new();
     let textured = read_mesh_with_warnings(&args.subject, &mut warnings)?;

@@ -11,6 +11,7 @@ use dvr_core::{Cancellation, HOLD_OUT_EVERY, Scene, View, ViewSplit};
 use dvr_texture::{NormalMapReport, PARTS, TextureError, TextureReport, bake_normals, texture_mesh};
 use dvr_train::{HostMemory, Observer, over_budget};
 
+use super::real_size::refuse_metres;
 use super::simplified::simplified_to;
 use super::{SceneReading, print_notes, refinement_notes};
 use crate::args::{TextureArgs, texture_settings};
@@ -22,6 +23,7 @@ pub fn run(args: &TextureArgs, cancellation: &Cancellation) -> Result<ExitCode> 
     for path in outputs(&args.out)? {
         check_file(&path, args.overwrite)?;
     }
+    refuse_metres(&args.mesh)?;
     let mut warnings = Vec::new();
     let found = read_mesh_with_warnings(&args.mesh, &mut warnings)?;
     print_notes(&warnings);

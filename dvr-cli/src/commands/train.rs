@@ -21,7 +21,7 @@ use super::masks::{are_missing, check_program, find, write};
 use super::mesh_line::mesh_line;
 use super::method_of_args::method_of_args;
 use super::points_table::print_points;
-use super::real_size::known_lengths;
+use super::real_size::{KeptSize, known_lengths};
 use super::resumed::resumed_method;
 use super::run_start::{RunStart, interrupted, run_options};
 use super::shape_table::print_shape;
@@ -72,6 +72,14 @@ fn with_cameras<'a>(args: &'a TrainArgs, cancellation: &Cancellation) -> Result<
         return Ok(Cow::Borrowed(args));
     };
     let Some(source) = photographs_without_cameras(path)? else { return Ok(Cow::Borrowed(args)) };
+    if let Some(length) = args.scale.first() {
+        bail!(
+            "--scale {}: the cameras of these photographs are not known yet, and known lengths are measured in the pictures that \
+             come with them. Run `dvr cameras {}` first and measure there, or give the length to `dvr mesh RUN` afterwards",
+            length.text,
+            path.display()
+        );
+    }
     let is_by_program = args.segment.segment.is_some();
     if is_by_program && source.has_mask_folder() {
         // Before their cameras are found, which takes a while.
@@ -100,7 +108,10 @@ fn train_scene(
     let (mut scene, mut reading, mut views) = read(args, start.resumed.as_ref(), method, cancellation)?;
     let lengths = match (&start.resumed, &args.scene) {
         (None, Some(path)) => known_lengths(&args.scale, path, &args.reading.read_options())?,
-        (Some(checkpoint), _) => checkpoint.header.lengths.clone(),
+        (Some(checkpoint), _) => {
+            let reading: SceneReading = serde_json::from_value(checkpoint.header.reading.clone())?;
+            KeptSize::of(&start.folder, &checkpoint.header)?.lengths(&checkpoint.header.scene, &reading.options)?
+        }
         (None, None) => Vec::new(),
     };
     let (mut writing, mut support) = (None, start.resumed.as_ref().and_then(|checkpoint| checkpoint.header.support));
@@ -141,7 +152,7 @@ fn train_scene(
     let options = RunOptions {
         refine_cameras: args.refine_cameras.unwrap_or(0),
         follow_shape: args.follow_shape,
-        lengths,
+        lengths: Some(lengths),
         support,
         views: Some(views),
         ..run_options(args, folder, reading, device, cancellation)?

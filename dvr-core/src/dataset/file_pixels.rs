@@ -7,7 +7,7 @@ use glam::DVec2;
 use super::layouts::{detect_format, find_views};
 use super::load::{is_mirrored, lens_error, select_views};
 use super::options::ReadOptions;
-use super::raw_scene::RawScene;
+use super::raw_scene::{RawScene, RawView};
 use crate::error::{Error, Result};
 use crate::files::image_size;
 
@@ -25,7 +25,7 @@ pub struct PlacesInView {
 /// from the top left corner of the file's picture, whose first pixel has its centre at (0.5, 0.5). No pixel is read.
 ///
 /// # Errors
-/// [`Error::UnknownView`] where no view is of that picture, [`Error::Format`] where a pixel is outside of it or its lens shows
+/// [`Error::UnknownView`] where no view is of that picture, or several are, [`Error::Format`] where a pixel is outside of it or its lens shows
 /// nothing there, and those of finding the views.
 pub fn places_in_view(path: &Path, options: &ReadOptions, picture: &str, pixels: &[DVec2]) -> Result<PlacesInView> {
     let format = options.format.map_or_else(|| detect_format(path), Ok)?;
@@ -37,9 +37,12 @@ pub fn places_in_view(path: &Path, options: &ReadOptions, picture: &str, pixels:
 fn places_in(raw: &RawScene, downscale: u32, picture: &str, pixels: &[DVec2]) -> Result<PlacesInView> {
     let of_file = |path: &Path| [path.file_name(), path.file_stem()].into_iter().flatten().any(|name| name == picture);
     let by_name = raw.views.iter().find(|view| view.name == picture);
-    let view = by_name.or_else(|| raw.views.iter().find(|view| of_file(&view.image))).ok_or_else(|| {
-        let known = raw.views.iter().map(|view| view.name.clone()).collect();
-        Error::UnknownView { name: picture.to_owned(), known }
+    let by_file: Vec<&RawView> = raw.views.iter().filter(|view| of_file(&view.image)).collect();
+    let only = by_file.first().copied().filter(|_| by_file.len() == 1);
+    let view = by_name.or(only).ok_or_else(|| {
+        // There is none, or files of one name lie in several folders.
+        let known = if by_file.is_empty() { raw.views.iter().collect() } else { by_file };
+        Error::UnknownView { name: picture.to_owned(), known: known.iter().map(|view| view.name.clone()).collect() }
     })?;
     let (width, height) = image_size(&view.image)?;
     let lens = view.lens.as_ref().map(|lens| lens.resized(width, height));

@@ -36,8 +36,8 @@ pub struct RunOptions {
     /// Whether the shape is compared with the scene's true surface at each validation, beside the clock: a column of
     /// `metrics.csv`. Nothing is learned from it.
     pub follow_shape: bool,
-    /// Known lengths, by which the results get their real size; a run that is resumed goes by its checkpoint.
-    pub lengths: Vec<KnownLength>,
+    /// Known lengths, by which the results get their real size; `None` for those of the checkpoint, where a run is resumed.
+    pub lengths: Option<Vec<KnownLength>>,
     /// What the object stands on, where that is known; a run that is resumed goes by its checkpoint.
     pub support: Option<Support>,
     /// Asks the run to end (Ctrl-C): training saves and stops after the current step.
@@ -56,7 +56,7 @@ impl RunOptions {
             time_limit: None,
             refine_cameras: 0,
             follow_shape: false,
-            lengths: Vec::new(),
+            lengths: None,
             support: None,
             cancellation: Cancellation::default(),
         }

@@ -53,6 +53,7 @@ pub fn train(
     Exposure::apply(&BTreeMap::new(), scene);
     let start = Instant::now();
     let ViewSplit { train, validation, .. } = ViewSplit::of(scene)?;
+    let kept_lengths = || resume_from.map(|checkpoint| checkpoint.header.lengths.clone());
     let header = CheckpointHeader {
         version: CHECKPOINT_VERSION,
         method: method.record()?,
@@ -67,7 +68,7 @@ pub fn train(
         cameras,
         refine_cameras: resume_from.map_or(options.refine_cameras, |checkpoint| checkpoint.header.refine_cameras),
         exposures: BTreeMap::new(),
-        lengths: resume_from.map_or(&options.lengths, |checkpoint| &checkpoint.header.lengths).clone(),
+        lengths: options.lengths.clone().or_else(kept_lengths).unwrap_or_default(),
         support: resume_from.map_or(options.support, |checkpoint| checkpoint.header.support),
         notes,
     };

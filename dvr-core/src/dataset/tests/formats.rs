@@ -240,6 +240,12 @@ fn nerf_splits_read_with_alpha_and_one_angle_for_all() {
     assert!(scene.warnings[0].contains("1 of 3 pictures") && scene.warnings[0].contains("r_9"), "{:?}", scene.warnings);
     assert_eq!(scene.views[3].mask, Some(ball.mask(&ball.cameras[3])));
     assert_eq!(read(&root.join("transforms_train.json")).views.len(), 5);
+    // Files of one name in several folders: only the views' names tell them apart.
+    let found = |name: &str| places_in_view(root, &ReadOptions::default(), name, &[glam::DVec2::ONE]);
+    let refused = found("r_0.png").unwrap_err().to_string();
+    assert!(["train_r_0", "val_r_0", "test_r_0"].iter().all(|name| refused.contains(name)), "{refused}");
+    assert_eq!(found("val_r_0").unwrap().view, "val_r_0");
+    assert_eq!(found("r_4.png").unwrap().view, "train_r_4");
 }
 
 #[test]
