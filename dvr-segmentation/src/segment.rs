@@ -40,11 +40,21 @@ const DEPTH: f32 = 3.0;
 /// What a pixel costs of which nothing is known: little, so that plain parts of the object go with what surrounds them.
 const UNKNOWN: f32 = 0.05;
 
-/// Most that the volume counts, and the distance to its outline from which it does, working pixels.
-const SHAPE: f32 = 1.5;
-const REACH: f32 = 6.0;
+/// How much the volume counts.
+#[derive(Clone, Copy)]
+struct Trust {
+    /// Most that it counts.
+    most: f32,
+    /// The distance to its outline from which it counts so much, working pixels. What is further away than [`DECIDED`] times as
+    /// much is decided by it alone.
+    reach: f32,
+}
 
-/// What is further from the volume's outline than this many reaches is decided by it alone.
+/// In each round, and in the end: all views have agreed about it then, and colours fray outlines where the object looks like
+/// what is behind it.
+const GROWING: Trust = Trust { most: 1.5, reach: 6.0 };
+const FINAL: Trust = Trust { most: 2.5, reach: 3.0 };
+
 const DECIDED: f32 = 2.0;
 
 /// Nearer to an outline than this, working pixels, depths say nothing, since windows see both sides; from there on, over
@@ -156,7 +166,8 @@ impl<'a> Work<'a> {
             let price: Vec<f32> = (0..views[i].len())
                 .map(|pixel| {
                     let color = self.colors[i].says(views[i].middle(pixel), views[i].colors[pixel]);
-                    -color - shape_and_depth(distance.map(|distance| distance[pixel]), self.evidence.says[i][pixel])
+                    let distance = distance.map(|distance| distance[pixel]);
+                    -color - shape_and_depth(distance, self.evidence.says[i][pixel], GROWING)
                 })
                 .collect();
             let mut cut = self.edges[i].cut(&price, self.belongs[i].clone(), STEPS[1]);
@@ -216,7 +227,7 @@ impl<'a> Work<'a> {
             .map(|pixel| {
                 let color = self.colors[index].says(fine.middle(pixel) / scale, fine.colors[pixel]);
                 let depth = coarse(pixel).map_or(0.0, |pixel| self.evidence.says[index][pixel]);
-                -color - shape_and_depth(Some(distance[pixel] / scale), depth)
+                -color - shape_and_depth(Some(distance[pixel] / scale), depth, FINAL)
             })
             .collect();
         let start =
@@ -234,10 +245,10 @@ impl<'a> Work<'a> {
 
 /// What a pixel at this distance from the volume's outline, positive inside, is taken for because of it and of what its depth
 /// says; without a volume by depth alone. Working pixels.
-fn shape_and_depth(distance: Option<f32>, depth: f32) -> f32 {
+fn shape_and_depth(distance: Option<f32>, depth: f32, Trust { most, reach }: Trust) -> f32 {
     let Some(distance) = distance else { return DEPTH * depth };
     let trust = ((distance.abs() - BLURRED) / SHARPER).clamp(0.0, 1.0);
-    let reaches = distance / REACH;
-    let shape = if reaches.abs() > DECIDED { 10.0 * reaches.signum() } else { SHAPE * reaches.clamp(-1.0, 1.0) };
+    let reaches = distance / reach;
+    let shape = if reaches.abs() > DECIDED { 10.0 * reaches.signum() } else { most * reaches.clamp(-1.0, 1.0) };
     shape + trust * DEPTH * depth
 }
