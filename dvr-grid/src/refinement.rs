@@ -12,7 +12,7 @@ use crate::bricks::{BrickValues, near_refined_surface};
 use crate::color::{self, CHANNELS};
 use crate::config::GridConfig;
 use crate::multires::{ColorGrid, Grids, ShapeGrid};
-use crate::start::{CARVING_CELLS, SpaceCarving, hull_detail, hull_start};
+use crate::start::{CARVING_CELLS, SpaceCarving, hull_detail, hull_start, open_share};
 use crate::stereo::{FusedDistance, Stereo};
 use crate::views::{TrainingView, mean_object_color};
 
@@ -87,6 +87,18 @@ impl Refinement {
     /// Whether photographs showed a good part of the hull to be empty.
     pub fn is_hollowed(&self) -> bool {
         self.carving.as_ref().is_some_and(SpaceCarving::is_hollow)
+    }
+
+    /// The share of hollows that the surface leaves open to the outside.
+    pub fn open_hollows(&self, grids: &Grids) -> f64 {
+        let Some(carving) = &self.carving else { return 1.0 };
+        let grid = grids.shape.grid();
+        open_share(grid, &grids.shape.values().to_dense(), |node| carving.stays_empty(grid.position(node)))
+    }
+
+    /// Forgets what was carved out of the hull, and tells its share.
+    pub fn forget_carving(&mut self) -> f64 {
+        self.carving.take().map_or(0.0, |carving| carving.share())
     }
 
     /// Distances of the masks' outlines, in the order of the training views.

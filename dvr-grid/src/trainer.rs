@@ -95,7 +95,24 @@ impl<'a> GridTrainer<'a> {
         if config.disagreeing_views == DisagreeingViews::Auto {
             notes.extend(contradictions(&train, &masks, cancellation)?);
         }
-        let refinement = Refinement::new(masks, &train, &config, cancellation)?;
+        let mut refinement = Refinement::new(masks, &train, &config, cancellation)?;
+        if refinement.is_hollowed() {
+            let note;
+            (refinement, note) = Self::without_closed_hollows(&train, &config, refinement, cancellation)?;
+            notes.extend(note);
+        }
+        Self::begin(train, validation, config, refinement, notes, cancellation)
+    }
+
+    /// The same from what is known before training.
+    fn begin(
+        train: Vec<&'a View>,
+        validation: Vec<&'a View>,
+        config: GridConfig,
+        refinement: Refinement,
+        notes: Vec<String>,
+        cancellation: &Cancellation,
+    ) -> Result<Self> {
         let grids = refinement.first(&config)?;
         let growth = Growth::plan(&config, &train);
         let names = train.iter().map(|view| view.name.clone()).collect();
@@ -478,6 +495,7 @@ pub fn stereo_depths(
     Ok(Refinement::new(mask_distances(&train, cancellation)?, &train, &config, cancellation)?.depths)
 }
 
+mod hollows;
 mod passes;
 #[cfg(test)]
 mod tests;

@@ -1,11 +1,13 @@
 //! What training starts from: the visual hull, less what a plane sweep of the photographs shows to be empty in it.
 
 mod carving_votes;
+mod closed_hollows;
 mod confirmed;
 mod hull;
 mod plane_sweep;
 mod silhouettes;
 mod space_carving;
 
+pub(crate) use closed_hollows::open_share;
 pub(crate) use hull::{hull_detail, hull_start};
 pub(crate) use space_carving::{CARVING_CELLS, CARVING_NODE, SpaceCarving};

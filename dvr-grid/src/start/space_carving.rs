@@ -137,6 +137,11 @@ impl SpaceCarving {
         Votes::of(views, &swept, grid, weight).empty
     }
 
+    /// Carved nodes, as a share of those in the hull.
+    pub fn share(&self) -> f64 {
+        self.share
+    }
+
     /// Whether a good part of the hull is carved.
     pub fn is_hollow(&self) -> bool {
         self.share > MUCH_CARVED
