@@ -89,16 +89,6 @@ impl Volume {
     /// Keeps the part that is largest where it is near the middle, and those that are not much smaller.
     fn keep_main_parts(&mut self) {
         let grid = self.grid;
-        let last = grid.nodes() - 1;
-        let beside = |node: usize| {
-            let at = grid.coordinates(node);
-            (0..6).filter_map(move |side| {
-                let mut next = at;
-                let axis = side / 2;
-                next[axis] = if side % 2 == 0 { at[axis].checked_sub(1)? } else { at[axis] + 1 };
-                (next[axis] <= last).then(|| grid.index(next))
-            })
-        };
         let weight = |&node: &usize| {
             let distance = (self.origin + grid.position(node)).length() / HALF;
             f64::from((-(NEAR_MIDDLE * distance).powi(2)).exp())
@@ -107,7 +97,7 @@ impl Volume {
         let mut parts: Vec<Vec<usize>> = Vec::new();
         for start in 0..grid.len() {
             if left[start] {
-                parts.push(flood(start, &mut left, beside));
+                parts.push(flood(start, &mut left, |node| grid.neighbours(node)));
             }
         }
         let weights: Vec<f64> = parts.iter().map(|part| part.iter().map(weight).sum()).collect();

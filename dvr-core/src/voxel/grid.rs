@@ -64,6 +64,21 @@ impl VoxelGrid {
         (z * self.nodes + y) * self.nodes + x
     }
 
+    /// The nodes across the edges of a node: six, fewer at the border of the grid.
+    pub fn neighbours(&self, node: usize) -> impl Iterator<Item = usize> + use<> {
+        let (grid, at) = (*self, self.coordinates(node));
+        (0..6).filter_map(move |side| {
+            let (axis, mut next) = (side / 2, at);
+            next[axis] = if side % 2 == 0 { at[axis].checked_sub(1)? } else { at[axis] + 1 };
+            (next[axis] < grid.nodes).then(|| grid.index(next))
+        })
+    }
+
+    /// Whether a node lies on the border of the grid.
+    pub fn is_on_border(&self, node: usize) -> bool {
+        self.coordinates(node).iter().any(|&c| c == 0 || c + 1 == self.nodes)
+    }
+
     /// Where a node lies.
     pub fn position(&self, node: usize) -> Vec3 {
         let [x, y, z] = self.coordinates(node);
@@ -178,6 +193,16 @@ mod tests {
     fn grid() -> (VoxelGrid, Vec<f32>) {
         let grid = VoxelGrid::new(6, 0.55);
         (grid, (0..grid.len()).map(|i| trilinear(grid.position(i))).collect())
+    }
+
+    #[test]
+    fn nodes_have_six_neighbours_and_fewer_at_the_border() {
+        let grid = VoxelGrid::new(4, 1.0);
+        let of = |at| grid.neighbours(grid.index(at)).map(|node| grid.coordinates(node)).collect::<Vec<_>>();
+        assert_eq!(of([1, 2, 1]), [[0, 2, 1], [2, 2, 1], [1, 1, 1], [1, 3, 1], [1, 2, 0], [1, 2, 2]]);
+        assert_eq!(of([0, 3, 0]), [[1, 3, 0], [0, 2, 0], [0, 3, 1]]);
+        let border = (0..grid.len()).filter(|&node| grid.is_on_border(node)).count();
+        assert_eq!(border, 64 - 8);
     }
 
     #[test]

@@ -21,23 +21,14 @@ pub(crate) fn open_share(grid: &VoxelGrid, values: &[f32], is_in_hollow: impl Fn
     let room: Vec<f32> = signed_distance_at_nodes(&solid, grid).into_iter().map(|distance| -distance).collect();
     let widest = (0..grid.len()).filter(|&node| is_in_hollow(node)).map(|node| room[node]).fold(0.0, f32::max);
     let clearance = (MOUTH * widest).min(WIDE / grid.spacing());
-    let last = grid.nodes() - 1;
-    let beside = |node: usize| {
-        let at = grid.coordinates(node);
-        (0..6).filter_map(move |i| {
-            let mut next = at;
-            next[i / 2] = if i % 2 == 0 { at[i / 2].checked_sub(1)? } else { at[i / 2] + 1 };
-            (next[i / 2] <= last).then(|| grid.index(next))
-        })
-    };
-    let on_border = |node: usize| grid.coordinates(node).iter().any(|&c| c == 0 || c == last);
     let mut left: Vec<bool> = room.iter().map(|&room| room > clearance).collect();
     let hollow: Vec<bool> = (0..grid.len()).map(|node| left[node] && is_in_hollow(node)).collect();
     let all = hollow.iter().filter(|&&is_in_hollow| is_in_hollow).count();
     let mut reached = 0usize;
     for start in 0..grid.len() {
-        if left[start] && on_border(start) {
-            reached += flood(start, &mut left, beside).into_iter().filter(|&node| hollow[node]).count();
+        if left[start] && grid.is_on_border(start) {
+            reached +=
+                flood(start, &mut left, |node| grid.neighbours(node)).into_iter().filter(|&node| hollow[node]).count();
         }
     }
     if all == 0 { 1.0 } else { reached as f64 / all as f64 }

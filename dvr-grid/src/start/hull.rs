@@ -59,19 +59,17 @@ pub(crate) fn hull_start(
     fused: Option<&FusedDistance>,
     cancellation: &Cancellation,
 ) -> Result<(Vec<f32>, ActiveNodes), Cancelled> {
-    let last = grid.nodes() - 1;
-    let on_border = |node: usize| grid.coordinates(node).iter().any(|&c| c == 0 || c == last);
     let mut distances: Vec<f32> = (0..grid.len())
         .into_par_iter()
         .map(|node| {
             cancellation.check()?;
             let distance = hull_distance(masks, grid.position(node), REACH, disagreeing);
             // The border of the cube is outside: a surface is closed there.
-            Ok(if on_border(node) { distance.min(-0.5 * grid.spacing()) } else { distance })
+            Ok(if grid.is_on_border(node) { distance.min(-0.5 * grid.spacing()) } else { distance })
         })
         .collect::<Result<_, Cancelled>>()?;
     let band = BAND_CELLS * grid.spacing();
-    let in_band = ActiveNodes::new(grid, |node| distances[node] > -band && !on_border(node));
+    let in_band = ActiveNodes::new(grid, |node| distances[node] > -band && !grid.is_on_border(node));
     let mut may_change = vec![false; grid.len()];
     for node in in_band.iter() {
         let point = grid.position(node);

@@ -169,17 +169,8 @@ fn price(empty: f32, solid: f32) -> f32 {
 
 /// The nodes of the hull that are not solid, in parts that lead to the outside, are deep, and are seen.
 fn hollows(grid: &VoxelGrid, hull: &[f32], solid: &[bool], seen: &[f32]) -> Vec<bool> {
-    let last = grid.nodes() - 1;
-    let beside = |node: usize| {
-        let at = grid.coordinates(node);
-        (0..6).filter_map(move |i| {
-            let mut next = at;
-            next[i / 2] = if i % 2 == 0 { at[i / 2].checked_sub(1)? } else { at[i / 2] + 1 };
-            (next[i / 2] <= last).then(|| grid.index(next))
-        })
-    };
     let is_empty = |node: usize| hull[node] > 0.0 && !solid[node];
-    let leads_out = |node: usize| is_empty(node) && beside(node).any(|next| hull[next] <= 0.0);
+    let leads_out = |node: usize| is_empty(node) && grid.neighbours(node).any(|next| hull[next] <= 0.0);
     let (mut carved, mut reached) = (vec![false; grid.len()], vec![false; grid.len()]);
     for start in (0..grid.len()).filter(|&node| leads_out(node)) {
         if std::mem::replace(&mut reached[start], true) {
@@ -188,7 +179,7 @@ fn hollows(grid: &VoxelGrid, hull: &[f32], solid: &[bool], seen: &[f32]) -> Vec<
         let mut part = vec![start];
         let mut done = 0;
         while done < part.len() {
-            for next in beside(part[done]).filter(|&next| is_empty(next)) {
+            for next in grid.neighbours(part[done]).filter(|&next| is_empty(next)) {
                 if !std::mem::replace(&mut reached[next], true) {
                     part.push(next);
                 }
