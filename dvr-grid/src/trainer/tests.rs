@@ -8,6 +8,8 @@ use dvr_core::synth::{SynthConfig, render_dataset};
 
 use super::*;
 use crate::Capacity;
+use crate::report::TrainerState;
+use crate::state;
 
 /// A small scene of a torus.
 fn scene(folder: &Path) -> dvr_core::Scene {
