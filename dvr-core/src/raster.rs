@@ -18,6 +18,7 @@ impl Mask {
     }
 
     /// Whether at least half of pixel `(u, v)` shows the object.
+    #[inline]
     pub fn is_object(&self, u: u32, v: u32) -> bool {
         self.coverage.get_pixel(u, v).0[0] >= 128
     }

@@ -12,6 +12,7 @@ const BINS: usize = 16;
 pub(super) const MAX_SAH_DEPTH: usize = 32;
 
 /// A face while the tree is built.
+#[derive(Clone, Copy)]
 pub(super) struct Primitive {
     pub(super) face: u32,
     low: Vec3,
@@ -30,6 +31,8 @@ impl Primitive {
 pub(super) struct Builder {
     pub(super) nodes: Vec<Node>,
     pub(super) primitives: Vec<Primitive>,
+    /// The second half of a split while the first is brought together.
+    pub(super) second: Vec<Primitive>,
 }
 
 impl Builder {
@@ -66,9 +69,20 @@ impl Builder {
             });
             return half;
         };
-        // Stable, so that equal meshes give equal trees on every machine.
-        primitives.sort_by_key(|p| bin_of(p, axis, low, high) > bin);
-        primitives.partition_point(|p| bin_of(p, axis, low, high) <= bin)
+        // In their order, so that equal meshes give equal trees on every machine.
+        self.second.clear();
+        let mut half = 0;
+        for i in 0..primitives.len() {
+            let primitive = primitives[i];
+            if bin_of(&primitive, axis, low, high) <= bin {
+                primitives[half] = primitive;
+                half += 1;
+            } else {
+                self.second.push(primitive);
+            }
+        }
+        primitives[half..].copy_from_slice(&self.second);
+        half
     }
 }
 

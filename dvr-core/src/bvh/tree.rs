@@ -31,6 +31,7 @@ impl Bvh {
         let mut builder = Builder {
             nodes: Vec::with_capacity(mesh.faces.len().max(1)),
             primitives: (0..mesh.faces.len()).map(|face| Primitive::new(face as u32, mesh.triangle(face))).collect(),
+            second: Vec::new(),
         };
         let count = builder.primitives.len();
         builder.nodes.push(Node { low: Vec3::INFINITY, high: Vec3::NEG_INFINITY, first: 0, count: 0 });

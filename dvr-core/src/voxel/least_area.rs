@@ -30,43 +30,91 @@ pub fn least_area(
     cancellation: &Cancellation,
 ) -> Result<Vec<bool>, Cancelled> {
     let (nodes, plane) = (grid.nodes(), grid.nodes().pow(2));
-    let strides = [1, nodes, plane];
-    let mut solid: Vec<f32> = is_inside.iter().map(|&inside| if inside { 0.5 } else { 0.0 }).collect();
+    // The most that each node may become. Rows of nodes are told apart by whether any of theirs may be solid: where none is,
+    // nothing changes, and a hull seldom fills more than a third of its cube.
+    let most: Vec<f32> = is_inside.iter().map(|&inside| if inside { 1.0 } else { 0.0 }).collect();
+    let solid_rows: Vec<bool> = is_inside.chunks(nodes).map(|row| row.contains(&true)).collect();
+    let beside = |row: usize, stride: usize| solid_rows.get(row + stride).copied().unwrap_or(false);
+    let dual_rows: Vec<bool> =
+        (0..nodes * nodes).map(|row| solid_rows[row] || beside(row, 1) || beside(row, nodes)).collect();
+    let mut solid: Vec<f32> = most.iter().map(|most| 0.5 * most).collect();
     let mut ahead = solid.clone();
-    let mut dual = vec![[0f32; 3]; grid.len()];
+    let [mut along_x, mut along_y, mut along_z] = [(); 3].map(|()| vec![0f32; grid.len()]);
+    let nothing = vec![0f32; nodes];
+    let of = |row: usize| row * nodes..(row + 1) * nodes;
     for _ in 0..ITERATIONS {
         cancellation.check()?;
-        dual.par_chunks_mut(plane).enumerate().for_each(|(z, dual)| {
-            for (i, dual) in dual.iter_mut().enumerate() {
-                let node = z * plane + i;
-                let at = [i % nodes, i / nodes, z];
-                for axis in 0..3 {
-                    if at[axis] + 1 < nodes {
-                        dual[axis] += STEP * (ahead[node + strides[axis]] - ahead[node]);
-                    }
+        let planes =
+            along_x.par_chunks_mut(plane).zip(along_y.par_chunks_mut(plane)).zip(along_z.par_chunks_mut(plane));
+        planes.enumerate().for_each(|(z, ((along_x, along_y), along_z))| {
+            let rows = along_x.chunks_mut(nodes).zip(along_y.chunks_mut(nodes)).zip(along_z.chunks_mut(nodes));
+            for (y, ((x_flow, y_flow), z_flow)) in rows.enumerate().filter(|(y, _)| dual_rows[z * nodes + y]) {
+                let row = z * nodes + y;
+                let here = &ahead[of(row)];
+                climb(&mut x_flow[..nodes - 1], &here[1..], here);
+                if y + 1 < nodes {
+                    climb(y_flow, &ahead[of(row + 1)], here);
                 }
-                let length = dual.iter().map(|d| d * d).sum::<f32>().sqrt();
-                let scale = (length / AREA).max(1.0).recip();
-                dual.iter_mut().for_each(|d| *d *= scale);
+                if z + 1 < nodes {
+                    climb(z_flow, &ahead[of(row + nodes)], here);
+                }
+                shorten([x_flow, y_flow, z_flow]);
             }
         });
         let rows = solid.par_chunks_mut(plane).zip(ahead.par_chunks_mut(plane)).enumerate();
         rows.for_each(|(z, (solid, ahead))| {
-            for i in 0..plane {
-                let node = z * plane + i;
-                if !is_inside[node] {
-                    continue;
-                }
-                let at = [i % nodes, i / nodes, z];
-                let before = |axis: usize| if at[axis] > 0 { dual[node - strides[axis]][axis] } else { 0.0 };
-                let divergence: f32 = (0..3).map(|axis| dual[node][axis] - before(axis)).sum();
-                let next = (solid[i] + STEP * (divergence - price[node])).clamp(0.0, 1.0);
-                ahead[i] = 2.0 * next - solid[i];
-                solid[i] = next;
+            let rows = solid.chunks_mut(nodes).zip(ahead.chunks_mut(nodes)).enumerate();
+            for (y, (solid, ahead)) in rows.filter(|(y, _)| solid_rows[z * nodes + y]) {
+                let row = z * nodes + y;
+                let flows = [&along_x[of(row)], &along_y[of(row)], &along_z[of(row)]];
+                let y_before = if y > 0 { &along_y[of(row - 1)] } else { &nothing[..] };
+                let z_before = if z > 0 { &along_z[of(row - nodes)] } else { &nothing[..] };
+                descend([solid, ahead], flows, [y_before, z_before], [&price[of(row)], &most[of(row)]]);
             }
         });
     }
     Ok(solid.into_iter().map(|solid| solid >= 0.5).collect())
+}
+
+/// A step of a row of flows along an axis, up the slope from `here` to the nodes that come `next`.
+fn climb(flow: &mut [f32], next: &[f32], here: &[f32]) {
+    for ((flow, next), here) in flow.iter_mut().zip(next).zip(here) {
+        *flow += STEP * (next - here);
+    }
+}
+
+/// Flows of a row of nodes, made no longer than the price of area.
+fn shorten([x, y, z]: [&mut [f32]; 3]) {
+    for ((x, y), z) in x.iter_mut().zip(y).zip(z) {
+        let length = (*x * *x + *y * *y + *z * *z).sqrt();
+        let scale = (length / AREA).max(1.0).recip();
+        *x *= scale;
+        *y *= scale;
+        *z *= scale;
+    }
+}
+
+/// A step of a row of nodes, `solid` and as it will be `ahead`, with the flows out of them, those into them along y and z, and
+/// what nodes cost and may become at most.
+fn descend(
+    [solid, ahead]: [&mut [f32]; 2],
+    [x, y, z]: [&[f32]; 3],
+    [y_before, z_before]: [&[f32]; 2],
+    [price, most]: [&[f32]; 2],
+) {
+    let len = solid.len();
+    let [y, z, y_before, z_before, price, most] = [y, z, y_before, z_before, price, most].map(|row| &row[..len]);
+    let (x, ahead) = (&x[..len], &mut ahead[..len]);
+    let mut step = |i: usize, x_before: f32| {
+        let divergence = (x[i] - x_before) + (y[i] - y_before[i]) + (z[i] - z_before[i]);
+        let next = (solid[i] + STEP * (divergence - price[i])).max(0.0).min(most[i]);
+        ahead[i] = 2.0 * next - solid[i];
+        solid[i] = next;
+    };
+    step(0, 0.0);
+    for i in 1..len {
+        step(i, x[i - 1]);
+    }
 }
 
 #[cfg(test)]

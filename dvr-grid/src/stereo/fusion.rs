@@ -6,6 +6,7 @@ use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::depth_map::DepthMap;
+use super::hull::Hull;
 use super::picture::Picture;
 
 /// Distances count up to this many spacings.
@@ -35,13 +36,16 @@ pub(crate) struct FusedDistance {
 impl FusedDistance {
     /// Fuses depth maps on the nodes of a grid (Curless and Levoy 1996): the mean over views of how far a node lies
     /// behind the depth there, weighted by confidence. What lies further behind is not known to a view; what lies before
-    /// is free. `None` where there is no depth at all.
-    pub(super) fn new(pictures: &[Picture], maps: &[DepthMap], grid: &VoxelGrid) -> Option<Self> {
+    /// is free. Nothing is asked where the `hull` is further away than distances count. `None` where there is no depth at all.
+    pub(super) fn new(pictures: &[Picture], maps: &[DepthMap], grid: &VoxelGrid, hull: &Hull) -> Option<Self> {
         let truncation = TRUNCATION * grid.spacing();
         let facing: Vec<Vec<f32>> = pictures.par_iter().zip(maps).map(|(picture, map)| facing(picture, map)).collect();
         let node = |node: usize| {
             let point = grid.position(node);
             let (mut sum, mut total) = (0.0, 0.0);
+            if hull.at(point) < -truncation {
+                return [f32::NAN, 0.0];
+            }
             for ((picture, map), facing) in pictures.iter().zip(maps).zip(&facing) {
                 let (place, z) = picture.camera.project(point);
                 if z <= 0.0 {

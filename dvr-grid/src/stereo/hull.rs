@@ -1,5 +1,7 @@
 //! Where the rays of a picture pass through the visual hull.
 
+use glam::Vec3;
+
 use super::picture::Picture;
 use crate::occupancy::OccupancyBitmask;
 
@@ -10,6 +12,11 @@ pub(super) struct Hull<'a> {
 }
 
 impl Hull<'_> {
+    /// The distance at a point, positive inside.
+    pub fn at(&self, point: Vec3) -> f32 {
+        self.bitmask.grid().value(self.values, point)
+    }
+
     /// The z-depths at which a pixel's ray enters and leaves the hull; the first larger where it misses.
     pub fn range(&self, picture: &Picture, pixel: usize) -> [f32; 2] {
         const NONE: [f32; 2] = [1.0, 0.0];

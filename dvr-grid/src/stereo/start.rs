@@ -61,7 +61,7 @@ impl Stereo {
             map.trust_hull((DOUBT_CELLS * fine.spacing()).max(DOUBT_PIXELS * picture.camera.footprint()));
         }
         cancellation.check()?;
-        Ok(Self { depths, fused: FusedDistance::new(&pictures, &maps, &fine) })
+        Ok(Self { depths, fused: FusedDistance::new(&pictures, &maps, &fine, &hull) })
     }
 }
 
