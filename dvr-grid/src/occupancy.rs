@@ -19,6 +19,8 @@ pub struct OccupancyBitmask {
     inside: Vec<u64>,
     /// Cells, likewise.
     marked: Vec<u64>,
+    /// Blocks of [`BLOCK`] cells along an edge with a marked cell, x fastest.
+    blocks: Vec<bool>,
     /// Words a row.
     words: usize,
     /// The smallest box of cells around the marked ones: first, and one past the last.
@@ -39,7 +41,7 @@ impl OccupancyBitmask {
             write_bits(bits, row);
         });
         let marked = vec![0; words * cells * cells];
-        let mut map = Self { grid: *grid, inside, marked, words, range: [[0; 3]; 2] };
+        let mut map = Self { grid: *grid, inside, marked, blocks: Vec::new(), words, range: [[0; 3]; 2] };
         map.mark();
         map
     }
@@ -65,6 +67,20 @@ impl OccupancyBitmask {
             }
         });
         self.range = self.marked_range();
+        self.blocks = self.marked_blocks();
+    }
+
+    fn marked_blocks(&self) -> Vec<bool> {
+        let cells = self.grid.cells();
+        let edge = cells.div_ceil(BLOCK);
+        let mut blocks = vec![false; edge.pow(3)];
+        for (i, row) in self.marked.chunks(self.words).enumerate() {
+            let first = (i / cells / BLOCK * edge + i % cells / BLOCK) * edge;
+            for (x, block) in blocks[first..first + edge].iter_mut().enumerate() {
+                *block |= row[x * BLOCK / 64] >> (x * BLOCK % 64) & 0xff != 0;
+            }
+        }
+        blocks
     }
 
     fn marked_range(&self) -> [[usize; 3]; 2] {
@@ -115,9 +131,15 @@ pub(crate) trait SurfaceCells {
     /// Whether the surface may pass through a cell, or it is inside.
     fn is_marked(&self, cell: [usize; 3]) -> bool;
 
+    /// Whether the surface passes through no cell of the block of [`BLOCK`] cells along an edge that a cell lies in.
+    fn is_block_empty(&self, cell: [usize; 3]) -> bool;
+
     /// The values at a cell's corners, x fastest.
     fn corners(&self, values: &Self::Values, cell: [usize; 3]) -> [f32; 8];
 }
+
+/// Cells along an edge of a block that a ray passes over at once where nothing is in it.
+pub(crate) const BLOCK: usize = 8;
 
 impl SurfaceCells for OccupancyBitmask {
     type Values = [f32];
@@ -133,6 +155,13 @@ impl SurfaceCells for OccupancyBitmask {
     #[inline]
     fn is_marked(&self, cell: [usize; 3]) -> bool {
         self.is_marked(cell)
+    }
+
+    #[inline]
+    fn is_block_empty(&self, cell: [usize; 3]) -> bool {
+        let edge = self.grid.cells().div_ceil(BLOCK);
+        let [x, y, z] = cell.map(|c| c / BLOCK);
+        !self.blocks[(z * edge + y) * edge + x]
     }
 
     #[inline]
@@ -158,13 +187,23 @@ pub(crate) fn first_crossing<S: SurfaceCells>(
             return None;
         }
     }
-    let walk = VoxelTraversal::within(grid, cells.range(), origin, direction, from, to)?;
+    let mut walk = VoxelTraversal::within(grid, cells.range(), origin, direction, from, to)?;
     let (grid_origin, grid_direction) = (grid.to_grid(origin), direction / grid.spacing());
-    for segment in walk {
-        let [x, y, z] = segment.cell;
-        if !cells.is_marked(segment.cell) {
+    let mut block = [usize::MAX; 3];
+    while let Some(cell) = walk.cell() {
+        let next = cell.map(|c| c / BLOCK);
+        if next != block {
+            if cells.is_block_empty(cell) {
+                walk.leave_block(BLOCK);
+                continue;
+            }
+            block = next;
+        }
+        let Some(segment) = walk.next() else { break };
+        if !cells.is_marked(cell) {
             continue;
         }
+        let [x, y, z] = cell;
         let corners = cells.corners(values, segment.cell);
         let low = Vec3::new(x as f32, y as f32, z as f32);
         let at = grid_origin + segment.enter * grid_direction - low;

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::layout::{Brick, BrickLayout, EDGE};
 use super::values::BrickValues;
-use crate::occupancy::{SurfaceCells, first_crossing};
+use crate::occupancy::{BLOCK, SurfaceCells, first_crossing};
 use dvr_core::voxel::VoxelGrid;
 
 /// Bits of the nodes or cells of a brick: a word for each z, in it a byte for each y.
@@ -124,6 +124,15 @@ impl SurfaceCells for BrickOccupancy {
         match self.layout.brick([x / EDGE, y / EDGE, z / EDGE]) {
             Ok(brick) => self.marked[brick][z % EDGE] >> (y % EDGE * EDGE + x % EDGE) & 1 == 1,
             Err(is_inside) => is_inside,
+        }
+    }
+
+    #[inline]
+    fn is_block_empty(&self, cell: [usize; 3]) -> bool {
+        const { assert!(BLOCK == EDGE, "a block is a brick") };
+        match self.layout.brick(cell.map(|c| c / EDGE)) {
+            Ok(brick) => self.marked[brick].iter().fold(0, |all, bits| all | bits) == 0,
+            Err(is_inside) => !is_inside,
         }
     }
 
