@@ -10,7 +10,7 @@ use serde_json::Value;
 
 use crate::error::Result;
 
-/// Cells along an edge of the object cube of a mesh, where nothing is said.
+/// Cells along an edge of the object cube of a mesh, at most, where nothing is said.
 const RESOLUTION: usize = 256;
 
 /// How a scene is reconstructed. The defaults are those of `dvr train`: a grid, from photographs, on the CPU.
@@ -44,7 +44,7 @@ impl Options {
         Self {
             method,
             device: Device::flex(),
-            mesh: MeshOptions::with_resolution(RESOLUTION),
+            mesh: MeshOptions::within_resolution(RESOLUTION),
             refine_masks: true,
             refine_cameras: 0,
             time_limit: None,

@@ -40,7 +40,10 @@ pub fn run_mesh_options(
 
 /// The same for meshes without photographs.
 pub fn surface_options(args: &SurfaceArgs, resolution: u32, cancellation: &Cancellation) -> MeshOptions {
-    let base = MeshOptions::with_resolution(args.resolution.unwrap_or(resolution) as usize);
+    let base = match args.resolution {
+        Some(resolution) => MeshOptions::with_resolution(resolution as usize),
+        None => MeshOptions::within_resolution(resolution as usize),
+    };
     let extraction = ExtractSettings {
         contour: match args.contour {
             ContourName::MarchingCubes => Contour::MarchingCubes,

@@ -95,6 +95,10 @@ impl ScalarField for GpuGridField {
     fn colors(&self, points: &[Vec3], _normals: &[Vec3], directions: Option<&[Vec3]>) -> Option<Vec<[f32; 3]>> {
         Some(self.colors_at(points, directions))
     }
+
+    fn cells(&self) -> Option<usize> {
+        self.field.cells()
+    }
 }
 
 impl Field for GpuGridField {

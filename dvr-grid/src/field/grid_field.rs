@@ -146,6 +146,10 @@ impl ScalarField for GridField {
     fn colors(&self, points: &[Vec3], _normals: &[Vec3], directions: Option<&[Vec3]>) -> Option<Vec<[f32; 3]>> {
         Some(self.colors_at(points, directions))
     }
+
+    fn cells(&self) -> Option<usize> {
+        Some(self.shape_grid().cells())
+    }
 }
 
 #[cfg(test)]

@@ -29,6 +29,12 @@ pub trait ScalarField {
         let _ = (points, normals, directions);
         None
     }
+
+    /// Cells along an edge of the padded cube, where the field lies on a grid and is interpolated between its nodes: there is
+    /// nothing finer in it. `None` for any other field.
+    fn cells(&self) -> Option<usize> {
+        None
+    }
 }
 
 impl<F: Fn(&[Vec3]) -> Vec<f32>> ScalarField for F {

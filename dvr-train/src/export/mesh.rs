@@ -28,6 +28,9 @@ pub enum ColorSource {
 pub struct MeshOptions {
     /// The surface.
     pub extraction: ExtractSettings,
+    /// Whether a field that lies on a grid gets no more than twice its cells: what is finer shows how it is interpolated, and
+    /// nothing else, on four times the faces.
+    pub follows_field: bool,
     /// Its colours.
     pub colors: ColorSource,
     /// How far, in object units, the surface may move to save triangles; 0 keeps them all.
@@ -50,9 +53,22 @@ impl MeshOptions {
     /// The defaults for a mesh of so many cells along an edge of the object cube. A coarse grid of about 64 finds the
     /// cells that the surface crosses: fine enough for most parts, a 64th of the cost of 256.
     pub fn with_resolution(resolution: usize) -> Self {
-        let upsampling_steps = (resolution / 64).max(1).ilog2() as usize;
-        let extraction = ExtractSettings { resolution, upsampling_steps, ..ExtractSettings::default() };
+        let extraction = at_resolution(&ExtractSettings::default(), resolution);
         Self { extraction, texture: Some(TextureSettings::default()), ..Self::default() }
+    }
+
+    /// The same with at most so many cells, and no more than a field on a grid has something to show for.
+    pub fn within_resolution(most: usize) -> Self {
+        Self { follows_field: true, ..Self::with_resolution(most) }
+    }
+
+    /// How the surface of this field is extracted.
+    fn extraction_of(&self, field: &dyn ScalarField) -> ExtractSettings {
+        let within = field.cells().filter(|_| self.follows_field).map(|cells| FIELD_CELLS * cells);
+        match within.filter(|&within| within < self.extraction.resolution) {
+            Some(resolution) => at_resolution(&self.extraction, resolution),
+            None => self.extraction.clone(),
+        }
     }
 
     /// How these views become a texture; `None` where none is asked for, or there are no views.
@@ -71,6 +87,15 @@ impl MeshOptions {
     pub fn with_texture_within(self, max_bytes: u64) -> Self {
         Self { texture: self.texture.map(|texture| TextureSettings { max_bytes, ..texture }), ..self }
     }
+}
+
+/// Cells of a mesh, at most, for each cell of the field that it follows.
+const FIELD_CELLS: usize = 2;
+
+/// Settings for so many cells, with a coarse grid of about 64.
+fn at_resolution(settings: &ExtractSettings, resolution: usize) -> ExtractSettings {
+    let upsampling_steps = (resolution / 64).max(1).ilog2() as usize;
+    ExtractSettings { resolution, upsampling_steps, ..settings.clone() }
 }
 
 /// The surface of a field.
@@ -100,7 +125,7 @@ pub fn object_mesh(
     views: &[&View],
 ) -> Result<ObjectMesh> {
     // Small pieces are dropped where no photograph shows them, which the field cannot know.
-    let all = ExtractSettings { min_component_share: 0.0, ..options.extraction.clone() };
+    let all = ExtractSettings { min_component_share: 0.0, ..options.extraction_of(field) };
     let cancellation = &options.extraction.cancellation;
     let extracted = extract_mesh(field, &all, seeds);
     let mut extracted = extracted.map_err(|error| match error {
@@ -176,4 +201,36 @@ pub fn over_budget(simple: &Mesh, most: usize) -> Option<String> {
 /// The mesh in the coordinates and units of the scene's own files.
 pub fn world_mesh(mesh: &Mesh, object_to_world: &Similarity) -> Mesh {
     mesh.clone().transformed(object_to_world)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A ball that says that it lies on a grid of so many cells.
+    struct Ball(Option<usize>);
+
+    impl ScalarField for Ball {
+        fn logits(&self, points: &[Vec3]) -> Vec<f32> {
+            points.iter().map(|point| 0.3 - point.length()).collect()
+        }
+
+        fn cells(&self) -> Option<usize> {
+            self.0
+        }
+    }
+
+    #[test]
+    fn a_mesh_has_twice_the_cells_of_its_field_unless_it_is_told_otherwise() {
+        let faces = |options: MeshOptions, cells| {
+            let colors = ColorSource::Field;
+            object_mesh(&Ball(cells), &MeshOptions { colors, ..options }, &[], &[]).unwrap().mesh.faces.len()
+        };
+        let exactly = |resolution| faces(MeshOptions::with_resolution(resolution), Some(16));
+        let within = |most, cells| faces(MeshOptions::within_resolution(most), cells);
+        assert_eq!(within(64, Some(16)), exactly(32));
+        assert_eq!(within(24, Some(16)), exactly(24), "never more than is asked for");
+        assert_eq!(within(64, None), exactly(64), "a field on no grid");
+        assert!(exactly(64) > 3 * exactly(32));
+    }
 }

@@ -61,6 +61,10 @@ macro_rules! as_its_field {
             fn colors(&self, points: &[Vec3], normals: &[Vec3], directions: Option<&[Vec3]>) -> Option<Vec<[f32; 3]>> {
                 self.0.colors(points, normals, directions)
             }
+
+            fn cells(&self) -> Option<usize> {
+                self.0.cells()
+            }
         }
     };
 }
