@@ -31,6 +31,7 @@
 #![warn(missing_docs)]
 
 mod advice;
+mod agreed_similarity;
 mod bilinear;
 mod bvh;
 mod camera;
@@ -72,6 +73,7 @@ mod similarity_fit;
 mod srgb;
 mod supervision;
 pub mod synth;
+mod triangulation;
 mod verified_points;
 mod view_split;
 mod visibility;
@@ -79,6 +81,7 @@ pub mod voxel;
 mod weighted_median;
 
 pub use advice::{Advice, Orbit, Side, Topic, ViewFigure};
+pub use agreed_similarity::AgreedSimilarity;
 pub use bilinear::{Bilinear, Linear};
 pub use bvh::{Bvh, NearestPoint, RayHit};
 pub use camera::{Camera, Similarity};
@@ -102,6 +105,7 @@ pub use scene::{GroundTruth, MaskSource, Scene, SparsePoints, Split, View, requi
 pub use sharpness::laplacian_variance;
 pub use srgb::{linear_to_srgb, srgb_to_linear};
 pub use supervision::Supervision;
+pub use triangulation::{Sighting, Triangulated, triangulate};
 pub use verified_points::{TrackSight, Tracks, VerifiedPoints};
 pub use view_split::{ViewNames, ViewSplit};
 pub use visibility::{MIN_COSINE, Sight, Visibility};

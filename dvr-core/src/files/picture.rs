@@ -9,7 +9,7 @@ use image::codecs::png::PngEncoder;
 use image::metadata::Orientation;
 use image::{
     DynamicImage, ExtendedColorType, GrayImage, ImageBuffer, ImageDecoder, ImageEncoder, ImageFormat, ImageReader,
-    Limits, Luma, RgbImage, RgbaImage,
+    Limits, Luma, Rgb, RgbImage, RgbaImage,
 };
 
 use super::limits::{JPEG_PIXELS_PER_BYTE, PICTURE_BYTES, PICTURE_PIXELS, check_limit};
@@ -128,7 +128,7 @@ pub fn read_mask(path: &Path) -> Result<Mask> {
 ///
 /// # Errors
 /// [`Error::Io`] where the file cannot be written.
-pub fn write_rgb_png(path: &Path, image: &RgbImage) -> Result<()> {
+pub fn write_rgb_png(path: &Path, image: &ImageBuffer<Rgb<u8>, impl Deref<Target = [u8]>>) -> Result<()> {
     write_png(path, image, image.dimensions(), ExtendedColorType::Rgb8)
 }
 
@@ -292,7 +292,7 @@ fn brightest_channel(image: DynamicImage) -> Vec<u16> {
 
 #[cfg(test)]
 mod tests {
-    use image::{Rgb, Rgba};
+    use image::Rgba;
 
     use super::*;
 

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::distance::quantile;
-use super::triangulation::{Sighting, triangulate};
+use crate::triangulation::{Sighting, triangulate};
 use crate::verified_points::{TrackSight, Tracks};
 
 /// Views that a track needs to be split in two that can be triangulated.

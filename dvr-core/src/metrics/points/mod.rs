@@ -5,7 +5,6 @@ mod extent;
 mod floor;
 mod hidden;
 mod score;
-mod triangulation;
 
 pub(super) use distance::quantile;
 pub use distance::{DistanceSummary, ShareBelow};

@@ -98,11 +98,11 @@ fn the_floor_is_the_error_that_triangulated_points_have() {
     let truth: Vec<DVec3> = (0..3000).map(|_| DVec3::new(coordinate(), coordinate(), 0.0)).collect();
     let tracks = tracks(&truth, 0.4, &mut rng);
     let triangulated = |sights: &Vec<TrackSight>| {
-        let sighting = |sight: &TrackSight| triangulation::Sighting {
+        let sighting = |sight: &TrackSight| crate::triangulation::Sighting {
             camera: &tracks.cameras[sight.camera],
             bearing: sight.bearing.unwrap(),
         };
-        triangulation::triangulate(&sights.iter().map(sighting).collect::<Vec<_>>()).unwrap().point
+        crate::triangulation::triangulate(&sights.iter().map(sighting).collect::<Vec<_>>()).unwrap().point
     };
     let points: Vec<DVec3> = tracks.sights.iter().map(triangulated).collect();
     let verified = VerifiedPoints { tracks: Some(tracks), ..verified(points) };

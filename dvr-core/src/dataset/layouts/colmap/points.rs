@@ -85,7 +85,7 @@ fn errors(points: &[ModelPoint]) -> Option<Vec<f64>> {
 }
 
 /// A model's images in their order, ready to be asked what a track says.
-struct Images<'a> {
+pub(super) struct Images<'a> {
     images: &'a [ModelImage],
     /// `None` where a camera's lens is none.
     lenses: Vec<Option<Lens>>,
@@ -93,7 +93,7 @@ struct Images<'a> {
 }
 
 impl<'a> Images<'a> {
-    fn new(model: &'a Model, folder: &Path) -> Self {
+    pub(super) fn new(model: &'a Model, folder: &Path) -> Self {
         let of_image = |image: &ModelImage| lens(model.cameras.get(&image.camera)?, image, folder).ok();
         Self {
             images: &model.images,
@@ -103,7 +103,7 @@ impl<'a> Images<'a> {
     }
 
     /// The images of a track, ascending, each once; those that are not in the model are left out.
-    fn sights(&self, track: &[TrackEntry]) -> Vec<TrackSight> {
+    pub(super) fn sights(&self, track: &[TrackEntry]) -> Vec<TrackSight> {
         let sight = |entry: &TrackEntry| {
             let camera = *self.place.get(&entry.image)?;
             let feature = self.images[camera].features.get(entry.feature as usize);

@@ -4,12 +4,14 @@ use std::path::Path;
 
 use glam::DVec3;
 
+use super::points::Images;
 use super::{binary, lens, projection, text};
 use crate::camera::Camera;
 use crate::dataset::pairing::natural_order;
 use crate::error::{Error, Result};
 use crate::lens::Lens;
 use crate::points::PointCloud;
+use crate::verified_points::TrackSight;
 
 /// A sparse model of COLMAP: the pictures that it placed, and the points that it triangulated.
 #[derive(Clone, Debug)]
@@ -23,6 +25,8 @@ pub struct ColmapModel {
     pub errors_px: Vec<f64>,
     /// For each point, how many features show it.
     pub track_lengths: Vec<usize>,
+    /// For each point the pictures that show it, by their places in `pictures`, each once.
+    pub sights: Vec<Vec<TrackSight>>,
 }
 
 /// A picture that has a camera.
@@ -42,7 +46,8 @@ pub struct PosedPicture {
 /// [`Error::Io`] where a file is missing, [`Error::Format`] where one is damaged, or a camera none.
 pub fn read_colmap_model(folder: &Path) -> Result<ColmapModel> {
     let binary = folder.join("images.bin").is_file();
-    let model = if binary { binary::read_model(folder)? } else { text::read_model(folder)? };
+    let mut model = if binary { binary::read_model(folder)? } else { text::read_model(folder)? };
+    model.images.sort_by(|a, b| natural_order(&a.name, &b.name));
     let mut pictures = Vec::with_capacity(model.images.len());
     for image in &model.images {
         let camera = model.cameras.get(&image.camera).ok_or_else(|| {
@@ -58,7 +63,7 @@ pub fn read_colmap_model(folder: &Path) -> Result<ColmapModel> {
         let camera = projection(&lens, image, folder)?.camera(lens.size.0, lens.size.1).map_err(unusable)?;
         pictures.push(PosedPicture { name: image.name.clone(), camera, lens });
     }
-    pictures.sort_by(|a, b| natural_order(&a.name, &b.name));
+    let images = Images::new(&model, folder);
     let color = |c: u8| f32::from(c) / 255.0;
     Ok(ColmapModel {
         pictures,
@@ -68,6 +73,7 @@ pub fn read_colmap_model(folder: &Path) -> Result<ColmapModel> {
             colors: Some(model.points.iter().map(|point| point.color.map(color)).collect()),
         },
         errors_px: model.points.iter().map(|point| point.error).collect(),
+        sights: model.points.iter().map(|point| images.sights(&point.track)).collect(),
         track_lengths: model.points.iter().map(|point| point.track.len()).collect(),
     })
 }

@@ -12,26 +12,27 @@ const SETTLED: f64 = 1e-10;
 
 /// A picture of a point.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Sighting<'a> {
+pub struct Sighting<'a> {
     /// The camera, in the world.
-    pub(super) camera: &'a Camera,
+    pub camera: &'a Camera,
     /// Where its picture shows the point, as `(x / z, y / z)` in camera space.
-    pub(super) bearing: DVec2,
+    pub bearing: DVec2,
 }
 
 /// A triangulated point.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Triangulated {
-    pub(super) point: DVec3,
+pub struct Triangulated {
+    /// Where it is, in the world.
+    pub point: DVec3,
     /// The covariance of its error where features are off by one pixel in each direction, independently of each other.
-    pub(super) covariance: DMat3,
+    pub covariance: DMat3,
 }
 
 /// The point whose reprojection error, the sum of squares in pixels, is smallest (Hartley and Zisserman, section 12.3):
 /// Gauss-Newton from the midpoint of the lines of sight, the point to which the sum of squared distances is smallest.
 ///
 /// `None` where the lines are parallel or the point would lie behind a camera.
-pub(super) fn triangulate(sightings: &[Sighting]) -> Option<Triangulated> {
+pub fn triangulate(sightings: &[Sighting]) -> Option<Triangulated> {
     let mut point = midpoint(sightings)?;
     let mut covariance = DMat3::ZERO;
     for _ in 0..ROUNDS {
