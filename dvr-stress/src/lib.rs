@@ -5,6 +5,8 @@
 //! reconstruction with the true shape, [`judge`] gives a [`Verdict`], and [`break_point`] finds the first difficulty that
 //! a method does not solve.
 //!
+//! [`TwoPoses`] photographs one object standing and turned over, for what joins sets of photographs.
+//!
 //! ```
 //! use dvr_stress::{Verdict, axes, judge, measure, write_scene};
 //!
@@ -31,6 +33,7 @@ mod photographs;
 mod scene;
 mod shapes;
 mod sight;
+mod two_poses;
 mod verdict;
 
 pub use axis::{Axis, Case, Group, Kind};
@@ -39,4 +42,5 @@ pub use cell::{BreakPoint, Cell, break_point};
 pub use faults::{Faults, displace_camera};
 pub use gradients::GradientTest;
 pub use scene::write_scene;
+pub use two_poses::{SETS as TWO_SETS, TwoPoses, seam};
 pub use verdict::{Figures, Verdict, judge, measure};

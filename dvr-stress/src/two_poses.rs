@@ -1,0 +1,277 @@
+//! Photographs of one object in two poses, standing and turned over, each on a table of its own: plain pictures, whose
+//! cameras and masks are to be found.
+
+use std::path::Path;
+
+use dvr_core::dataset::write_transforms;
+use dvr_core::files::{write_gray_png, write_jpeg};
+use dvr_core::mesh::shapes::{icosphere, vertex_normals};
+use dvr_core::mesh::{Mesh, write_mesh};
+use dvr_core::{Bvh, Camera, Error, Ray, RayHit, Result, Sighting, Similarity, triangulate};
+use glam::{DQuat, DVec2, DVec3, Vec3};
+use image::{GrayImage, Luma, Rgb, RgbImage};
+use rayon::prelude::*;
+
+/// The names of the two sets.
+pub const SETS: [&str; 2] = ["top", "bottom"];
+
+/// Where the object is cut flat, below and above: it stands on either.
+const FLAT: [f32; 2] = [-0.25, 0.3];
+
+/// Elevations of rings of cameras above the object's middle, degrees: half of them are low, and see in both poses the same
+/// of the sides.
+const ELEVATIONS: [f64; 4] = [8.0, 32.0, 8.0, 58.0];
+
+/// Distance of the cameras from the object's middle.
+const DISTANCE: f64 = 2.4;
+
+/// Focal length in widths of a picture.
+const FOCAL: f64 = 1.35;
+
+/// Where the light comes from, and how much comes from everywhere.
+const LIGHT: DVec3 = DVec3::new(0.4, 0.85, 0.3);
+const AMBIENT: f64 = 0.62;
+
+/// How far a table reaches.
+const TABLE: f64 = 3.5;
+
+/// How the two poses are photographed.
+#[derive(Clone, Copy, Debug)]
+pub struct TwoPoses {
+    /// Photographs of each.
+    pub views: usize,
+    /// Width of a photograph in pixels; it is three quarters as high.
+    pub width: u32,
+    /// Samples along each axis of a pixel.
+    pub samples: u32,
+    /// Whether the photographs have masks, in the folder `masks` of each set.
+    pub masks: bool,
+}
+
+impl TwoPoses {
+    /// The object: a stone with dents, a nose on one side, and two flat ends.
+    pub fn object() -> Mesh {
+        let ball = icosphere(6, 1.0);
+        let of = |n: &Vec3| {
+            let waves = (4.0 * n.x + 1.0).sin() * (3.5 * n.y).cos() + 0.8 * (4.5 * n.z + 0.5).sin() * (3.0 * n.x).cos();
+            let nose = 0.16 * (-(18.0 * (1.0 - n.dot(Vec3::new(0.8, 0.1, 0.59).normalize())))).exp();
+            let place = (0.34 * (1.0 + 0.14 * waves) + nose) * *n * Vec3::new(1.15, 1.0, 0.9);
+            Vec3::new(place.x, place.y.clamp(FLAT[0], FLAT[1]), place.z)
+        };
+        let vertices: Vec<Vec3> = ball.vertices.iter().map(of).collect();
+        let normals = Some(vertex_normals(&vertices, &ball.faces));
+        Mesh { vertices, normals, ..ball }
+    }
+
+    /// Takes the object to the table of a set: as it is, or turned over by 180 degrees and some more about the vertical.
+    fn pose(set: usize) -> Similarity {
+        let (rotation, foot) = match set {
+            0 => (DQuat::IDENTITY, FLAT[0]),
+            _ => (DQuat::from_rotation_y(0.7) * DQuat::from_rotation_x(std::f64::consts::PI), -FLAT[1]),
+        };
+        Similarity { scale: 1.0, rotation, translation: DVec3::new(0.0, -f64::from(foot), 0.0) }
+    }
+
+    /// The cameras of a set, in the object's coordinates.
+    pub fn cameras(&self, set: usize) -> Vec<Camera> {
+        let pose = Self::pose(set);
+        let height = self.width * 3 / 4;
+        let target = DVec3::new(0.0, 0.27, 0.0);
+        let eye = |i: usize| {
+            let turn = std::f64::consts::TAU * (i as f64 / self.views as f64) + set as f64;
+            let elevation = ELEVATIONS[i % ELEVATIONS.len()].to_radians();
+            let across = elevation.cos();
+            target + DISTANCE * DVec3::new(across * turn.cos(), elevation.sin(), across * turn.sin())
+        };
+        (0..self.views)
+            .map(|i| Camera::look_at(self.width, height, FOCAL * f64::from(self.width), eye(i), target, DVec3::Y))
+            .map(|camera| camera.into_object_space(&pose))
+            .collect()
+    }
+
+    /// Writes the photographs to `top/` and `bottom/` in a folder, and the truth, the mesh and the cameras in its
+    /// coordinates, to `truth/`.
+    ///
+    /// # Errors
+    /// [`Error::Io`] where something cannot be written.
+    pub fn write(&self, out: &Path) -> Result<()> {
+        let mesh = Self::object();
+        let bvh = Bvh::new(&mesh);
+        for (set, name) in SETS.iter().enumerate() {
+            let (folder, truth) = (out.join(name), out.join("truth").join(name));
+            let masks = folder.join("masks");
+            for folder in [&folder, &truth].into_iter().chain(self.masks.then_some(&masks)) {
+                std::fs::create_dir_all(folder).map_err(|source| Error::Io { path: folder.clone(), source })?;
+            }
+            let cameras = self.cameras(set);
+            let one = |(i, camera): (usize, &Camera)| {
+                let (picture, mask) = self.photograph(set, camera, &mesh, &bvh);
+                if self.masks {
+                    write_gray_png(&masks.join(format!("{i:04}.png")), &mask)?;
+                }
+                write_jpeg(&folder.join(format!("{i:04}.jpg")), &picture, 95, None)
+            };
+            cameras.par_iter().enumerate().map(one).collect::<Result<()>>()?;
+            let names: Vec<String> = (0..cameras.len()).map(|i| format!("../../{name}/{i:04}.jpg")).collect();
+            write_transforms(&truth.join("transforms.json"), names.iter().map(String::as_str).zip(&cameras), None)?;
+        }
+        write_mesh(out.join("truth/mesh.ply"), &mesh)
+    }
+
+    /// What a camera sees, in the object's coordinates, and where it sees the object.
+    fn photograph(&self, set: usize, camera: &Camera, mesh: &Mesh, bvh: &Bvh) -> (RgbImage, GrayImage) {
+        let pose = Self::pose(set);
+        let n = self.samples;
+        let place = |i: u32| (f64::from(i) + 0.5) / f64::from(n);
+        let byte = |sum: f64| (255.0 * (sum / f64::from(n * n)).clamp(0.0, 1.0)).round() as u8;
+        let mut coverage = GrayImage::new(camera.width, camera.height);
+        let picture = RgbImage::from_fn(camera.width, camera.height, |u, v| {
+            let (mut sum, mut of_object) = (DVec3::ZERO, 0.0);
+            for (s, t) in (0..n * n).map(|i| (place(i % n), place(i / n))) {
+                let ray = camera.ray(DVec2::new(f64::from(u) + s, f64::from(v) + t));
+                match bvh.closest_hit(&ray, 0.0, f64::INFINITY) {
+                    Some(hit) => {
+                        sum += color_of_object(&ray, &hit, &pose, mesh);
+                        of_object += 1.0;
+                    }
+                    None => sum += color_of_background(set, &ray, &pose, bvh),
+                }
+            }
+            coverage.put_pixel(u, v, Luma([byte(of_object)]));
+            Rgb(sum.to_array().map(byte))
+        });
+        (picture, coverage)
+    }
+}
+
+/// How bright a surface is, by the cosine between its normal and the light.
+fn lit(cosine: f64) -> f64 {
+    AMBIENT + (1.0 - AMBIENT) * cosine.max(0.0)
+}
+
+/// Where the light comes from in the object's coordinates.
+fn to_light(pose: &Similarity) -> DVec3 {
+    pose.rotation.inverse() * LIGHT.normalize()
+}
+
+/// What a ray, in the object's coordinates, sees of the object.
+fn color_of_object(ray: &Ray, hit: &RayHit, pose: &Similarity, mesh: &Mesh) -> DVec3 {
+    let normals = mesh.normals.as_deref().unwrap_or_default();
+    let corners = mesh.faces[hit.face as usize].map(|i| normals[i as usize].as_dvec3());
+    let normal: DVec3 = corners.iter().zip(hit.barycentric).map(|(n, w)| *n * w).sum();
+    stone(ray.at(hit.ray_depth)) * lit(normal.normalize_or_zero().dot(to_light(pose)))
+}
+
+/// What a ray that passes the object sees: the table, with the object's shadow, or the wall.
+fn color_of_background(set: usize, ray: &Ray, pose: &Similarity, bvh: &Bvh) -> DVec3 {
+    let (origin, direction) = (pose.transform_point(ray.origin), pose.rotation * ray.direction);
+    let depth = -origin.y / direction.y;
+    let at = origin + depth * direction;
+    if depth <= 0.0 || at.length() > TABLE {
+        return DVec3::new(0.62, 0.64, 0.66);
+    }
+    let start = pose.inverse().transform_point(at + 1e-4 * DVec3::Y);
+    let is_dark = bvh.any_hit(&Ray { origin: start, direction: to_light(pose) }, 0.0, f64::INFINITY);
+    table(set, at) * if is_dark { AMBIENT } else { lit(LIGHT.normalize().y) }
+}
+
+/// Red and yellow blotches of many sizes.
+fn stone(at: DVec3) -> DVec3 {
+    let value = blotches(9.0 * at, 1);
+    DVec3::new(0.95, 0.75, 0.25).lerp(DVec3::new(0.55, 0.08, 0.06), value) * (0.55 + 0.45 * blotches(23.0 * at, 2))
+}
+
+/// Blue blotches for one, green tiles for the other.
+fn table(set: usize, at: DVec3) -> DVec3 {
+    let value = blotches(5.0 * at, 10 + set as u64);
+    match set {
+        0 => DVec3::new(0.12, 0.25, 0.5).lerp(DVec3::new(0.55, 0.75, 0.9), value),
+        _ => {
+            let tile = ((2.5 * at.x).floor() + (2.5 * at.z).floor()).rem_euclid(2.0);
+            DVec3::new(0.2, 0.4, 0.25).lerp(DVec3::new(0.75, 0.85, 0.7), 0.7 * value + 0.3 * tile)
+        }
+    }
+}
+
+/// Noise of four octaves, from 0 to 1.
+fn blotches(at: DVec3, seed: u64) -> f64 {
+    let octave = |i: u64| 0.62f64.powi(i as i32) * (lattice(at * (1 << i) as f64, 8 * seed + i) - 0.5);
+    (0.5 + 1.1 * (0..4).map(octave).sum::<f64>()).clamp(0.0, 1.0)
+}
+
+/// Random values at whole coordinates, and between them smooth ones.
+fn lattice(at: DVec3, seed: u64) -> f64 {
+    let (cell, t) = (at.floor(), at - at.floor());
+    let t = t * t * (DVec3::splat(3.0) - 2.0 * t);
+    let value = |corner: u32| {
+        let offset = DVec3::new(f64::from(corner & 1), f64::from(corner >> 1 & 1), f64::from(corner >> 2));
+        let share = offset * t + (DVec3::ONE - offset) * (DVec3::ONE - t);
+        let mixed = (cell + offset).to_array().iter().fold(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15), |hash, x| {
+            let hash = (hash ^ (*x as i64 as u64)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+            hash ^ (hash >> 29)
+        });
+        share.element_product() * (mixed >> 40) as f64 / f64::from(1 << 24)
+    };
+    (0..8).map(value).sum()
+}
+
+/// How far apart two sets of cameras that were placed in one world have what both show: where the cameras of each
+/// triangulate the points of the surface, from where the true cameras see these. The mean and the largest distance, in
+/// the units of the truth; `None` where cameras determine no points.
+pub fn seam(found: [&[Camera]; 2], truth: [&[Camera]; 2], points: &[Vec3]) -> Option<(f64, f64)> {
+    let centers = |sets: [&[Camera]; 2]| sets.iter().flat_map(|set| set.iter().map(Camera::center)).collect::<Vec<_>>();
+    let to_truth = Similarity::between(&centers(found), &centers(truth))?;
+    let place = |set: usize, point: Vec3| {
+        let bearing = |found: &Camera, truth: &Camera| {
+            let p = truth.rotation * point.as_dvec3() + truth.translation;
+            // What a lens does beyond its focal length hardly counts in the middle of a picture.
+            let zoom = truth.intrinsics.x_axis.x / found.intrinsics.x_axis.x;
+            zoom * p.truncate() / p.z
+        };
+        let sightings: Vec<Sighting> = (found[set].iter().zip(truth[set]))
+            .map(|(camera, truth)| Sighting { camera, bearing: bearing(camera, truth) })
+            .collect();
+        Some(triangulate(&sightings)?.point)
+    };
+    let distances: Vec<f64> = (points.par_iter())
+        .map(|point| Some(to_truth.scale * (place(0, *point)? - place(1, *point)?).length()))
+        .collect::<Option<_>>()?;
+    let mean = distances.iter().sum::<f64>() / distances.len().max(1) as f64;
+    Some((mean, distances.into_iter().fold(0.0, f64::max)))
+}
+
+#[cfg(test)]
+mod tests {
+    use dvr_core::mesh::Topology;
+
+    use super::*;
+
+    #[test]
+    fn the_object_is_closed_and_stands_on_both_tables() {
+        let mesh = TwoPoses::object();
+        assert_eq!(Topology::of(&mesh).handles(), Some(0));
+        for set in [0, 1] {
+            let pose = TwoPoses::pose(set);
+            let lowest =
+                mesh.vertices.iter().map(|v| pose.transform_point(v.as_dvec3()).y).fold(f64::INFINITY, f64::min);
+            assert!(lowest.abs() < 1e-6, "{lowest}");
+        }
+    }
+
+    #[test]
+    fn a_seam_is_what_one_set_is_moved_by() {
+        let poses = TwoPoses { views: 9, width: 40, samples: 1, masks: false };
+        let truth = [poses.cameras(0), poses.cameras(1)];
+        let elsewhere = Similarity { scale: 2.0, rotation: DQuat::from_rotation_z(1.0), translation: DVec3::ONE };
+        let all_of = |set: usize| truth[set].iter().map(|camera| camera.into_world(&elsewhere)).collect::<Vec<_>>();
+        let (top, bottom) = (all_of(0), all_of(1));
+        let points = &TwoPoses::object().vertices;
+        let (mean, largest) = seam([&top, &bottom], [&truth[0], &truth[1]], points).unwrap();
+        assert!(mean < 1e-9 && largest < 1e-9);
+        let shift = Similarity { translation: DVec3::new(0.02, 0.0, 0.0), ..Similarity::default() };
+        let moved: Vec<Camera> = bottom.iter().map(|camera| camera.into_world(&shift)).collect();
+        let (mean, largest) = seam([&top, &moved], [&truth[0], &truth[1]], points).unwrap();
+        // In units of the truth, which are half as large; all cameras together tell by how much, and some were moved.
+        assert!((mean - 0.01).abs() < 1e-4 && (largest - 0.01).abs() < 1e-4, "{mean} {largest}");
+    }
+}
