@@ -74,6 +74,7 @@ fn message(error: &anyhow::Error) -> String {
 fn run(command: Command, cancellation: &Cancellation) -> anyhow::Result<ExitCode> {
     match command {
         Command::Info(args) => commands::info::run(&args, cancellation),
+        Command::Cameras(args) if !args.more.is_empty() => commands::pose_sets::run(&args, cancellation),
         Command::Cameras(args) => commands::cameras::run(&args, cancellation),
         Command::Masks(args) => commands::masks::run(&args, cancellation),
         Command::Train(args) => commands::train::run(&args, cancellation),

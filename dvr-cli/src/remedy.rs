@@ -295,6 +295,12 @@ fn of_sfm(error: &SfmError) -> Option<String> {
         SfmError::OtherPhotographs { .. } => {
             Some("Replace them with --overwrite, or choose another folder (`dvr cameras --out`, `dvr train --cameras`).".into())
         }
+        SfmError::NotConnected { .. } => Some(
+            "Photograph the sides of the object in both poses, also from low down, in the same light; an object without texture \
+             needs something on it. Look at the masks of each set (`dvr masks`, or the folder `masks` of a scene): features are \
+             looked for within them alone."
+                .into(),
+        ),
         SfmError::NoModel { .. } => Some(
             "Try --matching exhaustive and --share-cameras picture; a plain object needs a textured table or background \
              that moves with it."

@@ -72,6 +72,24 @@ pub enum SfmError {
         /// All that COLMAP said.
         log: PathBuf,
     },
+    /// A set of photographs shares too little with the others.
+    #[error(
+        "the photographs of `{set}` cannot be placed among those of the other sets: {agreeing} of the {shared} points of the \
+         object that both show agree about where, and {least} must. What COLMAP said: {}",
+        log.display()
+    )]
+    NotConnected {
+        /// The name of the set.
+        set: String,
+        /// Points that it shares with the sets that are placed.
+        shared: usize,
+        /// Those that agree.
+        agreeing: usize,
+        /// How many must.
+        least: usize,
+        /// All that COLMAP said.
+        log: PathBuf,
+    },
     /// COLMAP or ffmpeg came to no good end.
     #[error("{program} failed at {step} ({how}): {said}{}", all_in(log))]
     Failed {

@@ -67,7 +67,8 @@ pub fn find_cameras(
         }
         return Err(error);
     }
-    let mut steps = Steps { engine: &engine, options, is_clip: matches!(source, Source::Clip(_)), tell };
+    let mut steps =
+        Steps { engine: &engine, options, is_clip: matches!(source, Source::Clip(_)), feature_masks: None, tell };
     workspace.step("features", |workspace| steps.features(workspace))?;
     workspace.step("matching", |workspace| steps.matches(workspace))?;
     workspace.step("mapping", |workspace| steps.mapping(workspace))?;
@@ -181,12 +182,7 @@ fn publish(
     let files: Vec<String> = names.iter().map(|name| format!("images/{name}")).chain(masks).collect();
     workspace.announce(&files)?;
     for name in &names {
-        let (from, to) = (workspace.work(UNDISTORTED).join("images").join(name), workspace.at("images").join(name));
-        make_folder_of(&to)?;
-        // One that is gone was moved by a process that was killed then.
-        if from.exists() || !to.exists() {
-            std::fs::rename(&from, &to).map_err(|source| refused(&from, source))?;
-        }
+        workspace.move_out(&format!("{UNDISTORTED}/images/{name}"), &format!("images/{name}"))?;
     }
     let (from, to) = (workspace.work(MASKS), workspace.at("masks"));
     let masks = undistort_masks(workspace.pictures(), distorted, &undistorted, &from, &to, &options.cancellation)?;
@@ -218,6 +214,7 @@ fn publish(
         points: points.points.len(),
         mean_error_px: errors.clone().sum::<f64>() / errors.count().max(1) as f64,
         masks: masks.len(),
+        sets: Vec::new(),
         seconds: workspace.seconds().to_vec(),
         notes: workspace.notes().to_vec(),
     };

@@ -21,6 +21,9 @@
 //! `points.ply` (nerfstudio), `masks/` where the photographs have masks, `sfm.json` (what was found) and `sfm.log` (all
 //! that COLMAP said).
 
+//!
+//! Sets of photographs that show the object in different poses become one scene by [`join_sets`].
+
 #![warn(missing_docs)]
 
 mod child;
@@ -31,6 +34,7 @@ mod engine;
 mod error;
 mod exif;
 mod find;
+mod joined;
 mod masks;
 mod options;
 mod pictures;
@@ -45,7 +49,8 @@ pub use clip_encoder::{ClipEncoder, ClipFormat};
 pub use compare::CameraErrors;
 pub use error::SfmError;
 pub use find::find_cameras;
+pub use joined::{PoseSet, join_sets};
 pub use options::{CameraSharing, Event, Matching, SfmOptions};
 pub use poisson::{PoissonOptions, poisson_surface};
-pub use result::FoundCameras;
+pub use result::{FoundCameras, PlacedSet};
 pub use source::Source;

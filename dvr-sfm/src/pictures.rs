@@ -31,6 +31,9 @@ pub(crate) struct Prepared {
     pub size: (u32, u32),
     /// What pictures of the same camera have in common.
     pub camera: String,
+    /// Focal lengths and principal point of the camera, `fx fy cx cy`, where they are known and nothing distorts.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pinhole: Option<[f64; 4]>,
 }
 
 /// What pictures are prepared from, and where to.
@@ -127,7 +130,7 @@ impl Preparation<'_> {
         }
         let (mask, note) = self.mask(original, &upright, mask)?;
         let camera = self.camera(original, &upright);
-        Ok((Prepared { name: portable(&name), mask, size: image.dimensions(), camera }, note))
+        Ok((Prepared { name: portable(&name), mask, size: image.dimensions(), camera, pinhole: None }, note))
     }
 
     /// Writes the mask of a picture, from its file or else its transparent pixels, as upright as the picture.

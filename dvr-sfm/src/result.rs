@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use dvr_core::Similarity;
 use serde::{Deserialize, Serialize};
 
 /// The file of [`FoundCameras`] in its folder.
@@ -26,10 +27,35 @@ pub struct FoundCameras {
     pub mean_error_px: f64,
     /// Pictures that have a mask.
     pub masks: usize,
+    /// Sets of photographs in different poses of the object that were joined; none where there is one.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub sets: Vec<PlacedSet>,
     /// Seconds of this and earlier tries, step by step.
     pub seconds: Vec<(String, f64)>,
     /// What the user should know.
     pub notes: Vec<String>,
+}
+
+/// A set of photographs that shows the object in one pose, placed among the others.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PlacedSet {
+    /// Its name, which its pictures begin with.
+    pub name: String,
+    /// Its pictures.
+    pub pictures: usize,
+    /// Points of the object that its cameras and those of the sets before it triangulated; of the first set, none.
+    pub shared_points: usize,
+    /// Of these, the points that agree about where it is.
+    pub agreeing_points: usize,
+    /// The root mean square distance of those that agree, as a share of the size of the object.
+    pub distance_share: f64,
+    /// Median angle in degrees between its cameras as they are placed and as all sets together have them; `None` where
+    /// these do not tell.
+    pub camera_degrees: Option<f64>,
+    /// The same for where cameras stand, as a share of their distance from what they look at.
+    pub camera_share: Option<f64>,
+    /// Takes the world of its own cameras to that of the first set.
+    pub to_first: Similarity,
 }
 
 impl FoundCameras {
@@ -39,8 +65,9 @@ impl FoundCameras {
         serde_json::from_str(&text).ok()
     }
 
-    /// What to read as the scene in a folder of cameras: COLMAP's model, which says which picture shows which point.
-    pub fn scene(folder: &Path) -> PathBuf {
-        folder.join("sparse/0")
+    /// What to read as the scene in a folder of cameras: COLMAP's model, which says which picture shows which point; of
+    /// several sets, `transforms.json`.
+    pub fn scene(&self, folder: &Path) -> PathBuf {
+        if self.sets.is_empty() { folder.join("sparse/0") } else { folder.join("transforms.json") }
     }
 }

@@ -18,7 +18,7 @@ use crate::progress::progress_of;
 use crate::workspace::{Workspace, refused, remove};
 
 /// Up to this many pictures are compared each with each.
-const FEW: usize = 300;
+pub(crate) const FEW: usize = 300;
 
 /// Up to this many frames of a clip.
 const FEW_FRAMES: usize = 40;
@@ -54,6 +54,9 @@ pub(crate) struct Steps<'a> {
     pub options: &'a SfmOptions,
     /// Whether the pictures are frames of a clip.
     pub is_clip: bool,
+    /// A folder of masks, in that of what is half-finished, by the names of the pictures with `.png` behind them: features are looked
+    /// for where they are not black.
+    pub feature_masks: Option<&'static str>,
     pub tell: &'a mut dyn FnMut(Event),
 }
 
@@ -67,13 +70,24 @@ impl Steps<'_> {
         self.begin("features", pictures.len());
         let known = self.engine.options("feature_extractor");
         let mut done = 0;
-        for (number, names) in groups(&pictures).values().enumerate() {
+        for (number, group) in groups(&pictures).values().enumerate() {
+            let names: Vec<&str> = group.iter().map(|picture| picture.name.as_str()).collect();
             let list = workspace.work(&format!("camera_{number}.txt"));
             std::fs::write(&list, names.join("\n") + "\n").map_err(|source| refused(&list, source))?;
             let mut command = self.engine.command("feature_extractor");
             command.arg("--database_path").arg(workspace.work(DATABASE));
             command.arg("--image_path").arg(workspace.work(PICTURES)).arg("--image_list_path").arg(&list);
-            known.set(&mut command, &["ImageReader.camera_model"], &self.options.camera_model);
+            match group.iter().find_map(|picture| picture.pinhole) {
+                Some(pinhole) => {
+                    known.set(&mut command, &["ImageReader.camera_model"], "PINHOLE");
+                    let numbers = pinhole.map(|number| number.to_string()).join(",");
+                    known.set(&mut command, &["ImageReader.camera_params"], numbers);
+                }
+                None => known.set(&mut command, &["ImageReader.camera_model"], &self.options.camera_model),
+            }
+            if let Some(masks) = self.feature_masks {
+                known.set(&mut command, &["ImageReader.mask_path"], workspace.work(masks).display());
+            }
             let sharing = match self.options.sharing {
                 CameraSharing::Picture => "ImageReader.single_camera_per_image",
                 _ => "ImageReader.single_camera",
@@ -165,6 +179,11 @@ impl Steps<'_> {
         command.arg("--database_path").arg(workspace.work(DATABASE));
         command.arg("--image_path").arg(workspace.work(PICTURES)).arg("--output_path").arg(&models);
         known.set(&mut command, &["Mapper.min_model_size"], LEAST_PICTURES);
+        if workspace.pictures().iter().all(|picture| picture.pinhole.is_some()) {
+            for what in ["focal_length", "principal_point", "extra_params"] {
+                known.set(&mut command, &[format!("Mapper.ba_refine_{what}").as_str()], 0);
+            }
+        }
         if let Some(threads) = self.options.threads {
             known.set(&mut command, &["Mapper.num_threads"], threads);
         }
@@ -251,11 +270,11 @@ impl Steps<'_> {
     }
 }
 
-/// Names of pictures by their camera.
-fn groups(pictures: &[Prepared]) -> BTreeMap<&str, Vec<&str>> {
-    let mut groups: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
+/// Pictures by their camera.
+fn groups(pictures: &[Prepared]) -> BTreeMap<&str, Vec<&Prepared>> {
+    let mut groups: BTreeMap<&str, Vec<&Prepared>> = BTreeMap::new();
     for picture in pictures {
-        groups.entry(&picture.camera).or_default().push(&picture.name);
+        groups.entry(&picture.camera).or_default().push(picture);
     }
     groups
 }

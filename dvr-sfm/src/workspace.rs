@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::child::Log;
 use crate::error::{Result, SfmError};
-use crate::pictures::Prepared;
+use crate::pictures::{Prepared, make_folder_of};
 use crate::result::{FILE, FoundCameras};
 
 /// What is half-finished; it is removed at the end.
@@ -137,6 +137,17 @@ impl Workspace {
         Ok(folder)
     }
 
+    /// Moves a file of what is half-finished to its place in the folder of cameras.
+    pub fn move_out(&self, from: &str, to: &str) -> Result<()> {
+        let (from, to) = (self.work(from), self.at(to));
+        make_folder_of(&to)?;
+        // One that is gone was moved by a process that was killed then.
+        if from.exists() || !to.exists() {
+            std::fs::rename(&from, &to).map_err(|source| refused(&from, source))?;
+        }
+        Ok(())
+    }
+
     /// Enters files, by their paths below the folder, that are going to be written.
     pub fn announce(&mut self, files: &[String]) -> Result<()> {
         // One lock at a time: the folder's own would keep us out, too.
@@ -221,6 +232,7 @@ mod tests {
             points: 1,
             mean_error_px: 0.5,
             masks: 0,
+            sets: Vec::new(),
             seconds: Vec::new(),
             notes: Vec::new(),
         };

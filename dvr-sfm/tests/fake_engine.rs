@@ -155,7 +155,7 @@ fn cameras_are_written_for_colmap_and_nerfstudio_and_found_once() {
     assert!(events.contains(&Event::Step { name: "mapping", parts: 5 }) && events.contains(&Event::Progress(2)));
     assert!(events.iter().any(|event| matches!(event, Event::Note(note) if note.contains("4.jpg"))), "{events:?}");
     assert!(!fake.out().join("work").exists());
-    for path in [fake.out(), FoundCameras::scene(&fake.out())] {
+    for path in [fake.out(), FoundCameras::read(&fake.out()).unwrap().scene(&fake.out())] {
         let scene = read_scene(&path, &ReadOptions::default()).unwrap();
         for (i, view) in scene.views.iter().enumerate() {
             assert_eq!(view.name, i.to_string());

@@ -13,7 +13,12 @@ use super::values::within;
 pub struct CamerasArgs {
     /// Folder of photographs, or a clip
     pub photographs: PathBuf,
-    /// Folder for cameras and undistorted pictures [default: the name of the folder or clip with -cameras behind it]
+    /// Further folders of photographs, clips or scenes of the same object in other poses, whose backgrounds differ: all become
+    /// one scene, with masks. For more of how they are read, `dvr train` has options
+    #[arg(value_name = "MORE")]
+    pub more: Vec<PathBuf>,
+    /// Folder for cameras and undistorted pictures [default: the name of the folder or clip with -cameras behind it; of several
+    /// sets all their names with -joined]
     #[arg(long, short, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Replace cameras that the folder has of other photographs, or by other options

@@ -31,7 +31,7 @@ pub use eval::{Baseline, EvalArgs, EvalPointsArgs, SplitArg};
 pub use exchange::{ExportArgs, ImportArgs};
 pub use faces::FaceBudget;
 pub use known_length::{KnownLengthArg, ScaleArg};
-pub use masks::{MasksArgs, MasksFrom};
+pub use masks::{MasksArgs, MasksFrom, SegmentArg};
 pub use mesh::{Colors, ContourName, MeshArgs, MeshingArgs, SurfaceArgs};
 pub use method::CapacityArg;
 #[cfg(test)]

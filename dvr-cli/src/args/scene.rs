@@ -9,7 +9,7 @@ use super::masks::MasksFrom;
 use super::values::{parse_memory, within};
 
 /// How a scene is read.
-#[derive(Args, Clone, Debug)]
+#[derive(Args, Clone, Debug, Default)]
 #[command(next_help_heading = "Reading the scene")]
 pub struct SceneArgs {
     /// Layout of the files: dvr, transforms (NeRF, nerfstudio), idr (IDR, NeuS), middlebury or colmap [default:

@@ -26,6 +26,10 @@ pub struct TrainArgs {
     /// folder of a dataset of objects, to train single-image reconstruction. Not needed with --resume
     #[arg(required_unless_present_any = ["resume", "print_config"])]
     pub scene: Option<PathBuf>,
+    /// Further sets of photographs of the same object in other poses, turned over say, whose backgrounds differ: folders, clips or
+    /// scenes as the first. They become one scene, and one mesh without an unseen side
+    #[arg(value_name = "MORE", conflicts_with = "print_config")]
+    pub more: Vec<PathBuf>,
     /// Folder of the run: checkpoints, mesh, preview sheet, metrics, report
     #[arg(long, short, value_name = "DIR", required_unless_present = "print_config")]
     pub out: Option<PathBuf>,
@@ -81,7 +85,8 @@ pub struct TrainArgs {
     #[arg(long)]
     pub no_report: bool,
     /// Folder for the cameras of photographs that have none [default: the name of their folder or of the clip with
-    /// -cameras behind it]
+    /// -cameras behind it]; of several sets, for the scene that they become [default: their names with -joined behind them],
+    /// beside which those of each set lie
     #[arg(long, value_name = "DIR", help_heading = "Finding cameras (COLMAP)")]
     pub cameras: Option<PathBuf>,
     #[command(flatten)]

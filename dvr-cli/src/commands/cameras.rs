@@ -63,7 +63,7 @@ pub fn scene_of_photographs(
     let found = find(source, &out, finding, may_replace, cancellation)?;
     let all = found.placed + found.not_placed.len();
     eprintln!("cameras: {} of {all} pictures, mean reprojection error {:.2} pixels", found.placed, found.mean_error_px);
-    Ok(FoundCameras::scene(&out))
+    Ok(found.scene(&out))
 }
 
 /// Finds cameras, shows how far it is, and prints the notes of what was found earlier.
@@ -83,11 +83,7 @@ fn find(
     let mut began = false;
     let mut tell = |event| {
         began = true;
-        match event {
-            Event::Step { name, parts } => progress.phase(name, parts),
-            Event::Progress(done) => progress.progress(done, ""),
-            Event::Note(note) => progress.note(&note),
-        }
+        show(&mut progress, event);
     };
     let found = find_cameras(source, out, &options, &mut tell)?;
     if !began {
@@ -97,18 +93,35 @@ fn find(
     Ok(found)
 }
 
+/// Shows what is told while cameras are found.
+pub fn show(progress: &mut Progress, event: Event) {
+    match event {
+        Event::Step { name, parts } => progress.phase(name, parts),
+        Event::Progress(done) => progress.progress(done, ""),
+        Event::Note(note) => progress.note(&note),
+    }
+}
+
 /// `photos-cameras` beside `photos`; of the current folder, beside that.
-fn folder_beside(photographs: &Path) -> PathBuf {
-    let place = match photographs.file_name() {
+pub fn folder_beside(photographs: &Path) -> PathBuf {
+    let mut name = OsString::from(name_of(photographs));
+    name.push("-cameras");
+    with_its_name(photographs).with_file_name(name)
+}
+
+/// The name of a folder, or of a clip without its ending.
+pub fn name_of(photographs: &Path) -> String {
+    let place = with_its_name(photographs);
+    let name = if place.is_dir() { place.file_name() } else { place.file_stem() };
+    name.unwrap_or(place.as_os_str()).to_string_lossy().into_owned()
+}
+
+/// The path as it is written, or as it is where that has no name: `.` and `..`.
+pub fn with_its_name(photographs: &Path) -> PathBuf {
+    match photographs.file_name() {
         Some(_) => photographs.to_owned(),
         None => photographs.canonicalize().unwrap_or_else(|_| photographs.to_owned()),
-    };
-    let mut name: OsString = place.file_stem().unwrap_or(place.as_os_str()).to_owned();
-    if place.is_dir() {
-        name = place.file_name().unwrap_or(place.as_os_str()).to_owned();
     }
-    name.push("-cameras");
-    place.with_file_name(name)
 }
 
 #[cfg(test)]

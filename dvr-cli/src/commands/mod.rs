@@ -23,6 +23,7 @@ mod method_of_args;
 mod notes;
 pub mod points2mesh;
 mod points_table;
+pub mod pose_sets;
 pub mod predict;
 mod provenance;
 mod real_size;

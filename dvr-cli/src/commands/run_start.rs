@@ -29,7 +29,7 @@ impl RunStart {
     /// As the arguments have it; of folders that are not ours, nothing is touched.
     pub fn new(args: &TrainArgs, out: &Path) -> Result<Self> {
         // A clip is a file among others; what is made of it lies beside it.
-        let scene = args.scene.iter().filter(|scene| !Source::is_clip(scene));
+        let scene = args.scene.iter().chain(&args.more).filter(|scene| !Source::is_clip(scene));
         for data in scene.chain(&args.objects.inputs) {
             check_beside_data(out, data)?;
         }

@@ -21,6 +21,7 @@ use super::masks::{are_missing, check_program, find, write};
 use super::mesh_line::mesh_line;
 use super::method_of_args::method_of_args;
 use super::points_table::print_points;
+use super::pose_sets::PoseSets;
 use super::real_size::{KeptSize, known_lengths};
 use super::resumed::resumed_method;
 use super::run_start::{RunStart, interrupted, run_options};
@@ -28,7 +29,7 @@ use super::shape_table::print_shape;
 use super::simplified::simplified_to;
 use super::texture::sentence;
 use super::{SceneReading, print_notes, refinement_notes, run_mesh_options, scene_of_run, train_objects};
-use crate::args::TrainArgs;
+use crate::args::{SceneArgs, SegmentArg, TrainArgs};
 use crate::commands::report::write_report;
 use crate::memory::{limit_training, make_room, of_process};
 use crate::progress::Progress;
@@ -47,6 +48,9 @@ pub fn run(args: &TrainArgs, cancellation: &Cancellation) -> Result<ExitCode> {
         return Ok(ExitCode::SUCCESS);
     }
     let Some(out) = &args.out else { bail!("no output folder was given: add --out DIR") };
+    if let (true, false, Some(path)) = (is_dataset, args.more.is_empty(), &args.scene) {
+        bail!("{}: this is a dataset of objects, and several sets are photographs of one object", path.display());
+    }
     check_program(args.segment.segment.as_ref(), args.reading.masks.as_ref())?;
     if args.drop_support && (is_dataset || args.segment.segment.is_some()) {
         bail!("--drop-support {NEEDS_PLANE}");
@@ -68,6 +72,9 @@ pub fn run(args: &TrainArgs, cancellation: &Cancellation) -> Result<ExitCode> {
 
 /// The arguments with the scene that was made of photographs without cameras, where these are given.
 fn with_cameras<'a>(args: &'a TrainArgs, cancellation: &Cancellation) -> Result<Cow<'a, TrainArgs>> {
+    if !args.more.is_empty() {
+        return Ok(Cow::Owned(joined(args, cancellation)?));
+    }
     let Some(path) = args.scene.as_ref().filter(|_| args.reading.format.is_none()) else {
         return Ok(Cow::Borrowed(args));
     };
@@ -94,6 +101,41 @@ fn with_cameras<'a>(args: &'a TrainArgs, cancellation: &Cancellation) -> Result<
     let scene =
         scene_of_photographs(&source, path, args.cameras.as_ref(), &args.finding, args.overwrite, cancellation)?;
     Ok(Cow::Owned(TrainArgs { scene: Some(scene), ..args.clone() }))
+}
+
+/// The arguments with the scene that several sets of photographs become.
+fn joined(args: &TrainArgs, cancellation: &Cancellation) -> Result<TrainArgs> {
+    let paths: Vec<PathBuf> = args.scene.iter().chain(&args.more).cloned().collect();
+    if let Some(length) = args.scale.first() {
+        bail!(
+            "--scale {}: known lengths are measured in the pictures of the scene that these sets become. Run `dvr cameras` with \
+             them first and train on its folder, or give the length to `dvr mesh RUN` afterwards",
+            length.text
+        );
+    }
+    if args.drop_support {
+        bail!("--drop-support cuts away an underside that nobody sees, and several poses show it. Leave it out");
+    }
+    let sets = PoseSets {
+        paths: &paths,
+        folder: args.cameras.as_ref(),
+        finding: &args.finding,
+        reading: &args.reading,
+        segment: args.segment.segment.as_ref(),
+        may_replace: args.overwrite,
+    };
+    let (folder, found) = sets.join(cancellation)?;
+    // Its masks are those of the sets.
+    let reading = SceneArgs {
+        format: None,
+        masks: None,
+        background: None,
+        background_threshold: None,
+        visual_hull_depth: false,
+        ..args.reading.clone()
+    };
+    let segment = SegmentArg { segment: None };
+    Ok(TrainArgs { scene: Some(found.scene(&folder)), more: Vec::new(), reading, segment, ..args.clone() })
 }
 
 /// Trains, then writes mesh, preview and figures.
