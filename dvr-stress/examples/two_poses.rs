@@ -25,7 +25,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let args: Vec<String> = std::env::args().skip(1).collect();
     let args: Vec<&str> = args.iter().map(String::as_str).collect();
     match args[..] {
-        ["render", out, views, width, ref masks @ ..] if masks.is_empty() || masks == &["masks"] => {
+        ["render", out, views, width, ref masks @ ..] if masks.is_empty() || masks == ["masks"] => {
             let poses = TwoPoses { views: views.parse()?, width: width.parse()?, samples: 3, masks: !masks.is_empty() };
             Ok(poses.write(Path::new(out))?)
         }
@@ -34,8 +34,11 @@ fn main() -> Result<(), Box<dyn Error>> {
     }
 }
 
+/// Cameras by the names of their pictures.
+type NamedCameras = Vec<(String, Camera)>;
+
 /// The cameras of a scene by the names of its views, in its own world.
-fn cameras(scene: &Path) -> Result<(Vec<(String, Camera)>, f64), Box<dyn Error>> {
+fn cameras(scene: &Path) -> Result<(NamedCameras, f64), Box<dyn Error>> {
     let scene = read_scene(scene, &ReadOptions::default())?;
     let world = |camera: &Camera| camera.into_world(&scene.object_to_world);
     let cameras = scene.views.iter().map(|view| (view.name.clone(), world(&view.camera))).collect();
