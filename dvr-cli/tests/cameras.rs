@@ -3,11 +3,13 @@
 
 mod support;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::{Command, Output};
 
 use dvr_core::files::write_jpeg;
 use image::{Rgb, RgbImage};
+#[cfg(unix)]
+use support::script;
 use support::{dvr, refuses, succeeds, text};
 
 struct Photographs(tempfile::TempDir);
@@ -69,14 +71,6 @@ fn too_few_pictures_and_other_formats_are_refused_with_what_to_do() {
     refuses(&dvr(&["cameras", text(&nothing)]), &["nothing", "no pictures"]);
     let tree = photographs.at("no.tree");
     refuses(&dvr(&["cameras", text(&photos), "--vocab-tree", text(&tree)]), &["no.tree"]);
-}
-
-/// A COLMAP that does what a script says.
-#[cfg(unix)]
-fn script(path: &Path, lines: &str) {
-    use std::os::unix::fs::PermissionsExt;
-    std::fs::write(path, format!("#!/bin/sh\n{lines}\n")).unwrap();
-    std::fs::set_permissions(path, std::fs::Permissions::from_mode(0o755)).unwrap();
 }
 
 #[cfg(unix)]

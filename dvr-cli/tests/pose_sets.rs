@@ -12,6 +12,8 @@ use dvr_core::mesh::{Topology, read_mesh};
 use dvr_stress::{TWO_SETS, TwoPoses, seam};
 use dvr_test_support::test_with;
 use image::{Rgb, RgbImage};
+#[cfg(unix)]
+use support::script;
 use support::{Tiny, dvr, refuses, succeeds, text};
 
 /// Folders with a few pictures each.
@@ -54,14 +56,6 @@ fn sets_that_are_none_are_named_before_anything_is_begun() {
     let mut left: Vec<_> = folder.path().read_dir().unwrap().map(|entry| entry.unwrap().file_name()).collect();
     left.sort();
     assert_eq!(left, ["bottom", "nothing", "top"]);
-}
-
-/// A COLMAP that does what a script says.
-#[cfg(unix)]
-fn script(path: &Path, lines: &str) {
-    use std::os::unix::fs::PermissionsExt;
-    std::fs::write(path, format!("#!/bin/sh\n{lines}\n")).unwrap();
-    std::fs::set_permissions(path, std::fs::Permissions::from_mode(0o755)).unwrap();
 }
 
 #[cfg(unix)]

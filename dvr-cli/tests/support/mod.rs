@@ -186,3 +186,11 @@ pub fn refuses(output: &Output, parts: &[&str]) {
         assert!(error.contains(part), "{part:?} is missing in: {error}");
     }
 }
+
+/// A COLMAP that does what a script says.
+#[cfg(unix)]
+pub fn script(path: &Path, lines: &str) {
+    use std::os::unix::fs::PermissionsExt;
+    std::fs::write(path, format!("#!/bin/sh\n{lines}\n")).unwrap();
+    std::fs::set_permissions(path, std::fs::Permissions::from_mode(0o755)).unwrap();
+}
