@@ -9,13 +9,14 @@ use std::time::{Duration, Instant};
 
 use dvr_core::Cancellation;
 
+use crate::deadlock::Watch;
 use crate::error::ProgramError;
 
 /// Interval of looking whether the work is to end.
 const LOOK_EVERY: Duration = Duration::from_millis(50);
 
 /// How long a program may take to end when it is asked to.
-const PATIENCE: Duration = Duration::from_secs(1);
+const TO_END: Duration = Duration::from_secs(1);
 
 /// How long what a program said at its end may take to arrive, where something that it started keeps its output open.
 const LAST_WORDS: Duration = Duration::from_millis(500);
@@ -30,6 +31,16 @@ pub enum Stdout {
     Lines,
     /// Bytes, as of a picture.
     Bytes,
+}
+
+/// How long a program is waited for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Patience {
+    /// For as long as it takes.
+    Endless,
+    /// Until all its threads have waited for each other for half a minute, in which it said nothing (on Linux; elsewhere, for
+    /// as long as it takes). It must not wait by shared memory for another program, which looks the same.
+    UntilDeadlock,
 }
 
 /// What a program gives out.
@@ -57,10 +68,12 @@ enum Said {
 /// does not. There is a [`Shield`](dvr_core::Shield) for as long as there is a child.
 ///
 /// # Errors
-/// [`ProgramError::NotStarted`] and [`ProgramError::Failed`]; [`ProgramError::Cancelled`], after it was ended.
+/// [`ProgramError::NotStarted`] and [`ProgramError::Failed`]; [`ProgramError::Cancelled`] and [`ProgramError::Deadlocked`],
+/// after it was ended.
 pub fn run(
     command: &mut Command,
     stdout: Stdout,
+    patience: Patience,
     cancellation: &Cancellation,
     heard: &mut dyn FnMut(Heard<'_>),
 ) -> Result<(), ProgramError> {
@@ -82,12 +95,17 @@ pub fn run(
     }
     // What a program leaves in the background may hold its output open for good.
     let mut over: Option<Instant> = None;
+    let mut watch = Watch::new();
     loop {
         if cancellation.is_cancelled() {
             end(&mut child);
             return Err(dvr_core::Cancelled.into());
         }
-        match said.recv_timeout(LOOK_EVERY) {
+        let next = said.recv_timeout(LOOK_EVERY);
+        if next.is_ok() {
+            watch.heard();
+        }
+        match next {
             Ok(Said::Out(line)) => heard(Heard::Out(&line)),
             Ok(Said::Err(line)) => heard(Heard::Err(&line)),
             Ok(Said::Bytes(bytes)) => heard(Heard::Bytes(&bytes)),
@@ -97,6 +115,10 @@ pub fn run(
                 }
                 if over.is_some_and(|since| since.elapsed() > LAST_WORDS) {
                     break;
+                }
+                if patience == Patience::UntilDeadlock && over.is_none() && watch.is_deadlocked(child.id()) {
+                    end(&mut child);
+                    return Err(ProgramError::Deadlocked);
                 }
             }
             Err(RecvTimeoutError::Disconnected) => break,
@@ -188,7 +210,7 @@ fn end(child: &mut Child) {
     let send = |signal| group.map(|group| killpg(group, signal));
     let _ = send(Signal::SIGTERM);
     let asked = Instant::now();
-    while asked.elapsed() < PATIENCE && matches!(child.try_wait(), Ok(None)) {
+    while asked.elapsed() < TO_END && matches!(child.try_wait(), Ok(None)) {
         std::thread::sleep(LOOK_EVERY);
     }
     let _ = send(Signal::SIGKILL);
@@ -199,7 +221,7 @@ fn end(child: &mut Child) {
 fn end(child: &mut Child) {
     let asked = Instant::now();
     let _ = child.kill();
-    while asked.elapsed() < PATIENCE && matches!(child.try_wait(), Ok(None)) {
+    while asked.elapsed() < TO_END && matches!(child.try_wait(), Ok(None)) {
         std::thread::sleep(LOOK_EVERY);
     }
 }
@@ -213,11 +235,12 @@ mod tests {
         let mut lines = Vec::new();
         let mut command = Command::new("sh");
         command.args(["-c", script]);
-        let result = run(&mut command, Stdout::Lines, cancellation, &mut |heard| match heard {
-            Heard::Out(line) => lines.push(line.to_owned()),
-            Heard::Err(line) => lines.push(format!("!{line}")),
-            Heard::Bytes(_) => {}
-        });
+        let result =
+            run(&mut command, Stdout::Lines, Patience::UntilDeadlock, cancellation, &mut |heard| match heard {
+                Heard::Out(line) => lines.push(line.to_owned()),
+                Heard::Err(line) => lines.push(format!("!{line}")),
+                Heard::Bytes(_) => {}
+            });
         (result, lines)
     }
 
@@ -244,8 +267,33 @@ mod tests {
         assert_eq!(result.unwrap_err().to_string(), "exit status: 3");
         let (result, _) = shell("kill -SEGV $$", &Cancellation::default());
         assert!(result.unwrap_err().to_string().contains("signal: 11"));
-        let missing = run(&mut Command::new("/no/such/program"), Stdout::Lines, &Cancellation::default(), &mut |_| ());
+        let missing = run(
+            &mut Command::new("/no/such/program"),
+            Stdout::Lines,
+            Patience::Endless,
+            &Cancellation::default(),
+            &mut |_| (),
+        );
         assert!(matches!(missing, Err(ProgramError::NotStarted(_))), "{missing:?}");
+    }
+
+    /// Two threads that hold what the other waits for.
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn a_program_that_waits_for_itself_is_ended() {
+        const ENDLESS: &str = "DVR_TEST_WAITS_FOR_ITSELF";
+        if std::env::var_os(ENDLESS).is_some() {
+            let (_sender, receiver) = std::sync::mpsc::channel::<()>();
+            let _ = receiver.recv();
+        }
+        let mut command = Command::new(std::env::current_exe().unwrap());
+        command.args(["a_program_that_waits_for_itself_is_ended", "--nocapture"]).env(ENDLESS, "1");
+        let begun = Instant::now();
+        let ended = run(&mut command, Stdout::Lines, Patience::UntilDeadlock, &Cancellation::default(), &mut |_| ());
+        assert!(matches!(ended, Err(ProgramError::Deadlocked)), "{ended:?}");
+        assert!(begun.elapsed() >= Duration::from_secs(4), "{:?}", begun.elapsed());
+        // One that sleeps is waited for.
+        shell("sleep 8", &Cancellation::default()).0.unwrap();
     }
 
     #[test]

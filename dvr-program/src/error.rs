@@ -14,6 +14,9 @@ pub enum ProgramError {
     /// It was started, and the system does not say how it ended.
     #[error("its end was not heard: {0}")]
     NotHeard(std::io::Error),
+    /// All its threads waited for each other, and it was ended.
+    #[error("it hung: all its threads waited for each other")]
+    Deadlocked,
     /// It ended without success.
     #[error("{0}")]
     Failed(std::process::ExitStatus),

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use dvr_core::files::{read_mask, read_photo, write_rgb_png};
 use dvr_core::{Cancellation, Cancelled, Mask, View};
-use dvr_program::{Heard, ProgramError, Stdout};
+use dvr_program::{Heard, Patience, ProgramError, Stdout};
 use image::RgbImage;
 
 use crate::mask_command::MaskCommand;
@@ -99,16 +99,22 @@ fn mask_of(
     let pixels = RgbImage::from_fn(width, height, |u, v| *view.image.get_pixel(u, v));
     write_rgb_png(&picture, &pixels)?;
     let mut last = LastLines::default();
-    let ended =
-        dvr_program::run(&mut command.of_picture(&picture, &written), Stdout::Lines, cancellation, &mut |heard| {
+    let ended = dvr_program::run(
+        &mut command.of_picture(&picture, &written),
+        Stdout::Lines,
+        Patience::Endless,
+        cancellation,
+        &mut |heard| {
             if let Heard::Err(line) = heard {
                 last.hear(line);
             }
-        });
+        },
+    );
     let mask = match ended {
         Ok(()) => read(&written, (width, height)),
         Err(ProgramError::Cancelled(cancelled)) => return Err(cancelled.into()),
         Err(ProgramError::Failed(status)) => Err(format!("failed ({status})")),
+        Err(ProgramError::Deadlocked) => Err("hung".to_owned()),
         Err(ProgramError::NotStarted(error)) => Err(format!("could not be started ({error})")),
         Err(ProgramError::NotHeard(error)) => Err(format!("came to an end that was not heard ({error})")),
     };

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use dvr_core::Cancellation;
-use dvr_program::{ProgramError, Stdout, in_words};
+use dvr_program::{Patience, ProgramError, Stdout, in_words};
 
 use crate::error::{Result, SfmError};
 
@@ -55,7 +55,10 @@ pub(crate) enum Heard<'a> {
     Bytes(&'a [u8]),
 }
 
-/// Runs a program to its end; `heard` gets what it gives out.
+/// How often COLMAP is started again where it hangs: what it has written, it goes on from or writes again.
+const TRIES: usize = 3;
+
+/// Runs a program to its end; `heard` gets what it gives out. COLMAP is run again where it hangs.
 ///
 /// # Errors
 /// [`SfmError::Failed`] where it cannot be started, or does not end with success; [`SfmError::Cancelled`], after it was
@@ -67,27 +70,33 @@ pub(crate) fn run(
     cancellation: &Cancellation,
     heard: &mut dyn FnMut(Heard<'_>),
 ) -> Result<()> {
-    cancellation.check()?;
-    log.line(&format!("\n$ {}", in_words(command)));
-    let mut words = LastWords::default();
     let stdout = if task.takes_bytes { Stdout::Bytes } else { Stdout::Lines };
-    let ended = dvr_program::run(command, stdout, cancellation, &mut |said| match said {
-        dvr_program::Heard::Out(line) | dvr_program::Heard::Err(line) => {
-            log.line(line);
-            words.hear(line);
-            heard(Heard::Line(line));
+    let mut tries = 0;
+    let (how, said) = loop {
+        cancellation.check()?;
+        tries += 1;
+        log.line(&format!("\n$ {}", in_words(command)));
+        let mut words = LastWords::default();
+        let ended = dvr_program::run(command, stdout, Patience::UntilDeadlock, cancellation, &mut |said| match said {
+            dvr_program::Heard::Out(line) | dvr_program::Heard::Err(line) => {
+                log.line(line);
+                words.hear(line);
+                heard(Heard::Line(line));
+            }
+            dvr_program::Heard::Bytes(bytes) => heard(Heard::Bytes(bytes)),
+        });
+        match ended {
+            Ok(()) => return Ok(()),
+            Err(ProgramError::Cancelled(cancelled)) => {
+                log.line("(ended)");
+                return Err(cancelled.into());
+            }
+            Err(ProgramError::Deadlocked) if task.program == "colmap" && tries < TRIES => log.line("(it hung)"),
+            Err(ProgramError::Deadlocked) => break ("it hung".to_owned(), words.said()),
+            Err(ProgramError::NotStarted(error)) => break ("it could not be started".to_owned(), error.to_string()),
+            Err(ProgramError::NotHeard(error)) => break ("its end was not heard".to_owned(), error.to_string()),
+            Err(ProgramError::Failed(status)) => break (status.to_string(), words.said()),
         }
-        dvr_program::Heard::Bytes(bytes) => heard(Heard::Bytes(bytes)),
-    });
-    let (how, said) = match ended {
-        Ok(()) => return Ok(()),
-        Err(ProgramError::Cancelled(cancelled)) => {
-            log.line("(ended)");
-            return Err(cancelled.into());
-        }
-        Err(ProgramError::NotStarted(error)) => ("it could not be started".to_owned(), error.to_string()),
-        Err(ProgramError::NotHeard(error)) => ("its end was not heard".to_owned(), error.to_string()),
-        Err(ProgramError::Failed(status)) => (status.to_string(), words.said()),
     };
     Err(SfmError::Failed { program: task.program, step: task.step, how, said, log: log.path.clone() })
 }

@@ -90,6 +90,14 @@ pub enum SfmError {
         /// All that COLMAP said.
         log: PathBuf,
     },
+    /// COLMAP's database cannot be read.
+    #[error("{}: this is no database that COLMAP wrote ({said}). Remove the folder of cameras that it is in, and begin anew", path.display())]
+    BadDatabase {
+        /// The file.
+        path: PathBuf,
+        /// What SQLite said.
+        said: String,
+    },
     /// COLMAP or ffmpeg came to no good end.
     #[error("{program} failed at {step} ({how}): {said}{}", all_in(log))]
     Failed {

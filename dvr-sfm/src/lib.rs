@@ -30,6 +30,7 @@ mod child;
 mod clip;
 mod clip_encoder;
 mod compare;
+mod database;
 mod engine;
 mod error;
 mod exif;

@@ -19,7 +19,8 @@ pub struct FoundCameras {
     pub placed: usize,
     /// Pictures that have none, by their names.
     pub not_placed: Vec<String>,
-    /// The pictures of every model that COLMAP made, largest first. The first is taken.
+    /// The pictures of every model that COLMAP made, largest first. The first is taken. None where sets were joined, each of
+    /// which has its cameras.
     pub model_sizes: Vec<usize>,
     /// Points that it triangulated.
     pub points: usize,
@@ -49,11 +50,6 @@ pub struct PlacedSet {
     pub agreeing_points: usize,
     /// The root mean square distance of those that agree, as a share of the size of the object.
     pub distance_share: f64,
-    /// Median angle in degrees between its cameras as they are placed and as all sets together have them; `None` where
-    /// these do not tell.
-    pub camera_degrees: Option<f64>,
-    /// The same for where cameras stand, as a share of their distance from what they look at.
-    pub camera_share: Option<f64>,
     /// Takes the world of its own cameras to that of the first set.
     pub to_first: Similarity,
 }

@@ -40,7 +40,7 @@ const TELL_PRINCIPAL_POINT: usize = 30;
 const LEAST_PICTURES: usize = 3;
 
 /// The pictures of a database, a model's features and a model.
-const DATABASE: &str = "database.db";
+pub(crate) const DATABASE: &str = "database.db";
 pub(crate) const PICTURES: &str = "pictures";
 pub(crate) const MASKS: &str = "masks";
 const MODELS: &str = "models";

@@ -1,36 +1,35 @@
 //! Sets of photographs that show one object in different poses, each with cameras of its own, as one scene.
 //!
 //! Within a set the background holds still and tells where cameras stand. From set to set it does not: there the object
-//! alone is the same. Features are therefore looked for within masks, and matched and mapped over all sets together; but
-//! the poses that this gives, from a part of each picture, are not taken. What is taken are the tracks: a point that two
+//! alone is the same. Features are therefore looked for within masks, and matched over all sets together. A point that two
 //! sets show is triangulated twice, each time by the cameras of one set, and most of these pairs tell the similarity
-//! between the worlds of both.
+//! between the worlds of both. No camera is looked for anew: a part of each picture tells it less well than the whole did.
 
 mod registration;
 mod set_pictures;
+mod tracks;
 
-use std::collections::HashMap;
 use std::path::Path;
 
-use dvr_core::dataset::{ColmapModel, write_transforms};
+use dvr_core::Scene;
+use dvr_core::dataset::write_transforms;
 use dvr_core::files::check_beside_data;
 use dvr_core::mesh::{Mesh, write_mesh};
-use dvr_core::{Camera, Scene};
 use sha2::{Digest, Sha256};
 
-use crate::compare::CameraErrors;
+use crate::database::Matches;
 use crate::engine::Engine;
 use crate::error::SfmError;
 use crate::options::{CameraSharing, Event, Matching, SfmOptions};
 use crate::result::{FoundCameras, PlacedSet};
-use crate::steps::{FEW, MASKS, PICTURES, Steps, models};
+use crate::steps::{DATABASE, FEW, MASKS, PICTURES, Steps};
 use crate::workspace::Workspace;
 use registration::{Placement, SharedPoints, place_sets};
 pub use set_pictures::PoseSet;
 use set_pictures::{FEATURE_MASKS, SetView, read_set, write_set};
 
 /// Version of what is made: another one begins anew.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 
 /// Places sets of photographs of one object in different poses in the world of the first, and writes all to the folder
 /// `out` as one scene; what is finished there for the same sets and options is taken as it is.
@@ -103,12 +102,7 @@ fn join(
         Steps { engine, options: &options_of_all, is_clip: false, feature_masks: Some(FEATURE_MASKS), tell };
     workspace.step("features", |workspace| steps.features(workspace))?;
     workspace.step("matching", |workspace| steps.matches(workspace))?;
-    workspace.step("mapping", |workspace| steps.mapping(workspace))?;
-    let models: Vec<ColmapModel> = models(&workspace)?.into_iter().map(|(_, model)| model).collect();
-    if models.is_empty() {
-        return Err(SfmError::NoModel { pictures: workspace.pictures().len(), log: workspace.log.path.clone() });
-    }
-    let points = SharedPoints::of(&models, &views);
+    let points = SharedPoints::of(&Matches::read(&workspace.work(DATABASE))?, &views);
     let placements = place_sets(&points, sets.len());
     let unsure = sets.iter().zip(&placements).find(|(_, placement)| !placement.is_sure());
     if let Some((set, placement)) = unsure {
@@ -120,7 +114,7 @@ fn join(
             log: workspace.log.path.clone(),
         });
     }
-    let joined = Joined { sets, views, points, placements, models };
+    let joined = Joined { sets, views, points, placements };
     joined.publish(workspace, &engine.version, key, tell)
 }
 
@@ -131,8 +125,6 @@ struct Joined<'a> {
     views: Vec<Vec<SetView>>,
     points: SharedPoints,
     placements: Vec<Placement>,
-    /// Those of COLMAP over all sets, largest first.
-    models: Vec<ColmapModel>,
 }
 
 impl Joined<'_> {
@@ -163,15 +155,14 @@ impl Joined<'_> {
             tell(Event::Note(note.clone()));
             workspace.note(note);
         }
-        let errors = || self.models.iter().flat_map(|model| &model.errors_px).filter(|error| **error >= 0.0);
         let found = FoundCameras {
             key: key.to_owned(),
             engine: engine.to_owned(),
             placed: placed.len(),
             not_placed: Vec::new(),
-            model_sizes: self.models.iter().map(|model| model.pictures.len()).collect(),
+            model_sizes: Vec::new(),
             points: cloud.vertices.len(),
-            mean_error_px: errors().sum::<f64>() / errors().count().max(1) as f64,
+            mean_error_px: self.points.mean_error_px,
             masks: placed.len(),
             sets,
             seconds: workspace.seconds().to_vec(),
@@ -181,37 +172,15 @@ impl Joined<'_> {
         Ok(found)
     }
 
-    /// How the sets were placed, and how far the cameras of the largest model, which all sets made together, are from
-    /// theirs: evidence that placing them did not use.
+    /// How the sets were placed.
     fn described(&self) -> Vec<PlacedSet> {
-        let (mut of_set, mut ours, mut theirs) = (Vec::new(), Vec::new(), Vec::new());
-        let largest = self.models.iter().take(1).flat_map(|model| &model.pictures);
-        let largest: HashMap<&str, &Camera> = largest.map(|picture| (picture.name.as_str(), &picture.camera)).collect();
-        for (number, (views, placement)) in self.views.iter().zip(&self.placements).enumerate() {
-            for view in views {
-                if let Some(&camera) = largest.get(view.name.as_str()) {
-                    of_set.push(number);
-                    ours.push(view.placed(&placement.to_first).camera);
-                    theirs.push(camera.clone());
-                }
-            }
-        }
-        let errors = CameraErrors::between(&theirs, &ours);
-        let median = |number: usize, values: &[f64]| {
-            let mut values: Vec<f64> =
-                values.iter().zip(&of_set).filter(|(_, of)| **of == number).map(|(value, _)| *value).collect();
-            values.sort_by(f64::total_cmp);
-            values.get(values.len() / 2).copied()
-        };
-        (self.sets.iter().zip(&self.views).zip(&self.placements).enumerate())
-            .map(|(number, ((set, views), placement))| PlacedSet {
+        (self.sets.iter().zip(&self.views).zip(&self.placements))
+            .map(|((set, views), placement)| PlacedSet {
                 name: set.name.clone(),
                 pictures: views.len(),
                 shared_points: placement.shared,
                 agreeing_points: placement.agreeing,
                 distance_share: placement.distance_share,
-                camera_degrees: errors.as_ref().and_then(|errors| median(number, &errors.rotation_degrees)),
-                camera_share: errors.as_ref().and_then(|errors| median(number, &errors.center_share)),
                 to_first: placement.to_first,
             })
             .collect()
@@ -222,15 +191,8 @@ impl Joined<'_> {
 fn notes_on(sets: &[PlacedSet]) -> Vec<String> {
     let first = sets.first().map_or("", |set| set.name.as_str());
     let of_set = |set: &PlacedSet| {
-        let cameras = match (set.camera_degrees, set.camera_share) {
-            (Some(degrees), Some(share)) => format!(
-                "; cameras of the object alone differ by {degrees:.2} degrees and {:.2} % of the distance in the median",
-                100.0 * share
-            ),
-            _ => String::new(),
-        };
         format!(
-            "`{}` is placed among `{first}` by {} of {} points of the object that both show, {:.2} % of its size apart{cameras}",
+            "`{}` is placed among `{first}` by {} of {} points of the object that both show, {:.2} % of its size apart",
             set.name,
             set.agreeing_points,
             set.shared_points,

@@ -2,11 +2,12 @@
 
 use std::collections::HashMap;
 
-use dvr_core::dataset::ColmapModel;
 use dvr_core::{Camera, Sighting, Similarity, triangulate};
-use glam::{DVec3, Vec3};
+use glam::{DVec2, DVec3, Vec3};
 
 use super::set_pictures::SetView;
+use super::tracks::tracks;
+use crate::database::Matches;
 
 /// A picture that shows a point further away than this from where the others have it, pixels, has another point.
 const REACH_PX: f64 = 3.0;
@@ -27,32 +28,40 @@ const LEAST_AGREEING: usize = 15;
 const LEAST_SHARE: f64 = 0.3;
 
 /// Tracks that some sets show, with the place that the cameras of each have for them.
-pub(super) struct SharedPoints(Vec<Vec<Option<DVec3>>>);
+pub(super) struct SharedPoints {
+    /// Of each track, a place for each set, in the world of that set.
+    places: Vec<Vec<Option<DVec3>>>,
+    /// How far the features of these places are from where they should be, pixels in the mean.
+    pub mean_error_px: f64,
+}
 
 impl SharedPoints {
-    /// By the tracks of models over all sets, whose poses do not count.
-    pub fn of(models: &[ColmapModel], sets: &[Vec<SetView>]) -> Self {
+    /// By what the pictures of all sets have in common.
+    pub fn of(found: &Matches, sets: &[Vec<SetView>]) -> Self {
         let own: HashMap<&str, (usize, &Camera)> = (sets.iter().enumerate())
             .flat_map(|(set, views)| views.iter().map(move |view| (view.name.as_str(), (set, &view.camera))))
             .collect();
+        let cameras: Vec<Option<(usize, &Camera)>> =
+            found.pictures.iter().map(|picture| own.get(picture.name.as_str()).copied()).collect();
         let mut points = Vec::new();
-        for model in models {
-            for track in &model.sights {
-                let mut sightings: Vec<Vec<Sighting>> = vec![Vec::new(); sets.len()];
-                for sight in track {
-                    let name = model.pictures.get(sight.camera).map(|picture| picture.name.as_str());
-                    if let (Some(&(set, camera)), Some(bearing)) = (name.and_then(|name| own.get(name)), sight.bearing)
-                    {
-                        sightings[set].push(Sighting { camera, bearing });
-                    }
-                }
-                let places: Vec<Option<DVec3>> = sightings.into_iter().map(place).collect();
-                if places.iter().any(Option::is_some) {
-                    points.push(places);
+        let (mut sum, mut count) = (0.0, 0usize);
+        for track in tracks(found) {
+            let mut sightings: Vec<Vec<Sighting>> = vec![Vec::new(); sets.len()];
+            for feature in track {
+                if let Some((set, camera)) = cameras[feature.picture] {
+                    sightings[set].push(Sighting { camera, bearing: bearing(camera, feature.place) });
                 }
             }
+            let placed: Vec<Option<Placed>> = sightings.into_iter().map(place).collect();
+            for errors in placed.iter().flatten().map(|placed| &placed.errors_px) {
+                sum += errors.iter().sum::<f64>();
+                count += errors.len();
+            }
+            if placed.iter().any(Option::is_some) {
+                points.push(placed.iter().map(|placed| Some(placed.as_ref()?.point)).collect());
+            }
         }
-        Self(points)
+        Self { places: points, mean_error_px: sum / count.max(1) as f64 }
     }
 
     /// All points in the world of the first set, each by the first set that shows it.
@@ -61,13 +70,27 @@ impl SharedPoints {
             let mut placed = places.iter().zip(placements);
             placed.find_map(|(place, placement)| Some(placement.to_first.transform_point((*place)?).as_vec3()))
         };
-        self.0.iter().filter_map(place).collect()
+        self.places.iter().filter_map(place).collect()
     }
+}
+
+/// Where a pixel of a pinhole picture lies, as `(x / z, y / z)` in camera space.
+fn bearing(camera: &Camera, pixel: DVec2) -> DVec2 {
+    let [x, y, c] = [camera.intrinsics.x_axis, camera.intrinsics.y_axis, camera.intrinsics.z_axis];
+    let down = (pixel.y - c.y) / y.y;
+    DVec2::new((pixel.x - c.x - y.x * down) / x.x, down)
+}
+
+/// A point by some of its pictures.
+struct Placed {
+    point: DVec3,
+    /// How far it is from where these show it.
+    errors_px: Vec<f64>,
 }
 
 /// Where most of some pictures of a point have it: what the others disagree with most is left out, one after another.
 /// `None` where two do not tell it.
-fn place(mut sightings: Vec<Sighting>) -> Option<DVec3> {
+fn place(mut sightings: Vec<Sighting>) -> Option<Placed> {
     loop {
         if sightings.len() < 2 {
             return None;
@@ -85,7 +108,7 @@ fn place(mut sightings: Vec<Sighting>) -> Option<DVec3> {
             let covariance = found.covariance;
             let spread = (covariance.x_axis.x + covariance.y_axis.y + covariance.z_axis.z).sqrt();
             let distance = (found.point - sightings[0].camera.center()).length();
-            return (spread <= SURE * distance).then_some(found.point);
+            return (spread <= SURE * distance).then_some(Placed { point: found.point, errors_px: errors });
         }
         sightings.remove(worst);
     }
@@ -130,7 +153,7 @@ pub(super) fn place_sets(points: &SharedPoints, count: usize) -> Vec<Placement> 
     if let Some(first) = placements.first_mut() {
         *first = Some(Placement::FIRST);
     }
-    let mut known: Vec<Option<DVec3>> = points.0.iter().map(|places| places.first().copied().flatten()).collect();
+    let mut known: Vec<Option<DVec3>> = points.places.iter().map(|places| places.first().copied().flatten()).collect();
     loop {
         let rest = (0..count).filter(|set| placements[*set].is_none());
         let candidates: Vec<(usize, Placement)> = rest.map(|set| (set, place_set(points, &known, set))).collect();
@@ -142,7 +165,7 @@ pub(super) fn place_sets(points: &SharedPoints, count: usize) -> Vec<Placement> 
             break;
         };
         placements[set] = Some(placement);
-        for (known, places) in known.iter_mut().zip(&points.0) {
+        for (known, places) in known.iter_mut().zip(&points.places) {
             *known = known.or_else(|| Some(placement.to_first.transform_point(places[set]?)));
         }
     }
@@ -151,7 +174,7 @@ pub(super) fn place_sets(points: &SharedPoints, count: usize) -> Vec<Placement> 
 
 /// Places one set by the points that it shares with what is known.
 fn place_set(points: &SharedPoints, known: &[Option<DVec3>], set: usize) -> Placement {
-    let pairs = points.0.iter().zip(known).filter_map(|(places, known)| Some((places[set]?, (*known)?)));
+    let pairs = points.places.iter().zip(known).filter_map(|(places, known)| Some((places[set]?, (*known)?)));
     let (from, to): (Vec<DVec3>, Vec<DVec3>) = pairs.unzip();
     let size = size_of(&known.iter().flatten().copied().collect::<Vec<_>>());
     let nowhere = Placement { shared: from.len(), ..Placement::NOWHERE };
@@ -205,7 +228,7 @@ mod tests {
             };
             (0..3).map(of_set).collect()
         });
-        (SharedPoints(points.collect()), to_first)
+        (SharedPoints { places: points.collect(), mean_error_px: 0.0 }, to_first)
     }
 
     #[test]
@@ -224,13 +247,13 @@ mod tests {
 
     #[test]
     fn a_set_that_shares_nothing_has_no_point_that_agrees() {
-        let (SharedPoints(mut points), _) = chain();
-        for places in &mut points {
+        let (mut points, _) = chain();
+        for places in &mut points.places {
             if places[0].is_some() {
                 places[1] = None;
             }
         }
-        let placements = place_sets(&SharedPoints(points), 3);
+        let placements = place_sets(&points, 3);
         assert_eq!((placements[1].shared, placements[1].agreeing, placements[1].is_sure()), (0, 0, false));
         assert!(!placements[2].is_sure(), "{:?}", placements[2]);
     }
@@ -240,14 +263,15 @@ mod tests {
         let point = DVec3::new(0.1, -0.2, 0.05);
         let eyes = [DVec3::new(4.0, 1.0, 0.0), DVec3::new(3.0, 1.0, 2.0), DVec3::new(1.0, 2.0, 4.0)];
         let cameras = eyes.map(|eye| Camera::look_at(640, 480, 700.0, eye, DVec3::ZERO, DVec3::Y));
-        let bearing = |camera: &Camera, point: DVec3| {
+        let shown = |camera: &Camera, point: DVec3| {
             let p = camera.rotation * point + camera.translation;
             p.truncate() / p.z
         };
         let mut sightings: Vec<Sighting> =
-            cameras.iter().map(|camera| Sighting { camera, bearing: bearing(camera, point) }).collect();
-        sightings.push(Sighting { camera: &cameras[2], bearing: bearing(&cameras[2], DVec3::new(-0.3, 0.4, 0.2)) });
-        assert!((place(sightings.clone()).unwrap() - point).length() < 1e-6);
+            cameras.iter().map(|camera| Sighting { camera, bearing: shown(camera, point) }).collect();
+        sightings.push(Sighting { camera: &cameras[2], bearing: shown(&cameras[2], DVec3::new(-0.3, 0.4, 0.2)) });
+        let placed = place(sightings.clone()).unwrap();
+        assert!((placed.point - point).length() < 1e-6 && placed.errors_px.len() == 3, "{:?}", placed.errors_px);
         assert!(place(sightings[..1].to_vec()).is_none());
     }
 }

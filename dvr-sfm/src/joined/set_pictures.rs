@@ -53,7 +53,8 @@ impl SetView {
             name: self.name.clone(),
             mask: Some(self.name.clone()),
             size: (*width, *height),
-            camera: format!("{width}x{height} {pinhole:?}"),
+            // To a millionth of a pixel: COLMAP is run once for each camera.
+            camera: format!("{width}x{height} {pinhole:.6?}"),
             pinhole: Some(pinhole),
         }
     }
