@@ -5,7 +5,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use crate::HALF;
-use crate::plane_sweep::depths;
+use crate::plane_sweep::{Reach, depths};
 use crate::shrunk::Shrunk;
 use crate::support_plane::{SupportPlane, support_plane};
 
@@ -52,7 +52,8 @@ impl Evidence {
         cancellation: &Cancellation,
         done: &(dyn Fn() + Sync),
     ) -> Result<Self, Cancelled> {
-        let known = depths(views, asked, SWEPT * HALF, cancellation, done)?;
+        let reach = Reach { before: SWEPT * HALF, behind: SWEPT * HALF };
+        let known = depths(views, asked, reach, cancellation, done)?;
         let points: Vec<Vec<Option<Vec3>>> = (views.par_iter().zip(&known))
             .map(|(view, depths)| {
                 let point = |(pixel, &depth): (usize, &f32)| {

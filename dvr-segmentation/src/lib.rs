@@ -29,13 +29,14 @@ mod plane_sweep;
 mod segment;
 mod shrunk;
 mod support_plane;
+mod surroundings;
 mod volume;
 
 pub use by_program::{ProgramMaskError, masks_by_program};
 pub use error::SegmentationError;
 pub use mask_command::{MaskCommand, MaskCommandError};
 pub use memory::memory_estimate;
-pub use segment::{Segmentation, segment};
+pub use segment::{Segmentation, Shown, segment};
 pub use support_plane::SupportPlane;
 
 /// Half the edge of the cube that the object is looked for in, object units.

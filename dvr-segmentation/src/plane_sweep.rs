@@ -53,7 +53,16 @@ const CONFIRMING: usize = 2;
 /// Depths of a view's pixels; no number where none is known.
 pub(crate) type Depths = Vec<f32>;
 
-/// Depths of all views within `radius` of the origin, by comparing each with views that are `asked`. `done` is called after
+/// How far from the origin depths are looked for, along what a camera sees.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Reach {
+    /// On the camera's side.
+    pub before: f32,
+    /// On the other.
+    pub behind: f32,
+}
+
+/// Depths of all views within `reach` of the origin, by comparing each with views that are `asked`. `done` is called after
 /// each view.
 ///
 /// # Errors
@@ -61,12 +70,12 @@ pub(crate) type Depths = Vec<f32>;
 pub(crate) fn depths(
     views: &[Shrunk],
     asked: &[bool],
-    radius: f32,
+    reach: Reach,
     cancellation: &Cancellation,
     done: &(dyn Fn() + Sync),
 ) -> Result<Vec<Depths>, Cancelled> {
     let grays: Vec<Vec<f32>> = views.iter().map(Shrunk::gray).collect();
-    let sweep = Sweep { views, grays, radius, neighbours: neighbours(views, asked) };
+    let sweep = Sweep { views, grays, reach, neighbours: neighbours(views, asked) };
     let of_view = |view| sweep.of_view(view, cancellation).inspect(|_| done());
     let found: Vec<Depths> = (0..views.len()).into_par_iter().map(of_view).collect::<Result<_, _>>()?;
     Ok((0..views.len()).into_par_iter().map(|view| sweep.confirmed(view, &found)).collect())
@@ -102,7 +111,7 @@ fn neighbours(views: &[Shrunk], asked: &[bool]) -> Vec<Vec<usize>> {
 struct Sweep<'a> {
     views: &'a [Shrunk],
     grays: Vec<Vec<f32>>,
-    radius: f32,
+    reach: Reach,
     neighbours: Vec<Vec<usize>>,
 }
 
@@ -111,8 +120,8 @@ impl Sweep<'_> {
     fn range(&self, view: usize) -> [f32; 2] {
         let camera = &self.views[view].camera;
         let middle = camera.project(Vec3::ZERO).1;
-        let near = (middle - self.radius).max(0.1 * self.radius);
-        [1.0 / (middle + self.radius).max(2.0 * near), 1.0 / near]
+        let near = (middle - self.reach.before).max(0.1 * self.reach.before);
+        [1.0 / (middle + self.reach.behind).max(2.0 * near), 1.0 / near]
     }
 
     fn spacing(&self, view: usize) -> f32 {

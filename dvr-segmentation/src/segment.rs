@@ -15,6 +15,7 @@ use crate::outline::Edges;
 use crate::parts::join_parts;
 use crate::shrunk::Shrunk;
 use crate::support_plane::SupportPlane;
+use crate::surroundings::within_cube;
 use crate::volume::{Cube, Volume};
 
 /// Longer side of the pictures that are worked on, pixels.
@@ -75,11 +76,22 @@ const STEPS: [usize; 3] = [400, 100, 60];
 /// Views that are needed.
 const LEAST_VIEWS: usize = 4;
 
+/// What masks show.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Shown {
+    /// An object that stands out of what is around it.
+    Object,
+    /// All that lies in the cube: no object stands out of it.
+    Cube,
+}
+
 /// Masks that were found.
 #[derive(Clone, Debug)]
 pub struct Segmentation {
     /// One mask for each view, as large as its picture.
     pub masks: Vec<Mask>,
+    /// What they show.
+    pub shown: Shown,
     /// What the object stands on, where that was found, in the space of the views. It is not part of the object.
     pub support: Option<SupportPlane>,
 }
@@ -91,7 +103,8 @@ pub struct Segmentation {
 ///
 /// Depths of pixels come from a plane sweep; the plane that the object stands on from them. Then, in turns: how
 /// frequent colours are in the object and around it; the outline in each picture that agrees best with colours, depths
-/// and volume and follows its edges; and the volume that the outlines of all views agree about.
+/// and volume and follows its edges; and the volume that the outlines of all views agree about. Where no object stands out,
+/// masks show all that lies in the cube.
 ///
 /// # Errors
 /// [`SegmentationError`]: too few views, nothing that they agree about, or somebody wanted it to end.
@@ -109,8 +122,27 @@ pub fn segment(
     let (parts, done) = ((NODES.len() + 4) * views.len(), AtomicUsize::new(0));
     let advance = |parts_done: usize| progress(done.fetch_add(parts_done, Ordering::Relaxed) + parts_done, parts);
     let small: Vec<Shrunk> = views.par_iter().map(|view| Shrunk::new(view, WORKING_SIZE)).collect();
-    let evidence = Evidence::of(&small, &asked, cancellation, &|| advance(3))?;
-    let mut work = Work::new(&small, &asked, evidence);
+    match object(views, &small, &asked, cancellation, &advance) {
+        Err(SegmentationError::NothingFound) => {}
+        found => return found,
+    }
+    // Depths, then outlines.
+    let (parts, done) = (2 * views.len(), AtomicUsize::new(0));
+    let advance = || progress(done.fetch_add(1, Ordering::Relaxed) + 1, parts);
+    let masks = within_cube(views, &small, &asked, cancellation, &advance)?.ok_or(SegmentationError::NothingFound)?;
+    Ok(Segmentation { masks, shown: Shown::Cube, support: None })
+}
+
+/// The object, where one stands out.
+fn object(
+    views: &[View],
+    small: &[Shrunk],
+    asked: &[bool],
+    cancellation: &Cancellation,
+    advance: &(dyn Fn(usize) + Sync),
+) -> Result<Segmentation, SegmentationError> {
+    let evidence = Evidence::of(small, asked, cancellation, &|| advance(3))?;
+    let mut work = Work::new(small, asked, evidence);
     for nodes in NODES {
         work.round(nodes, cancellation)?;
         advance(views.len());
@@ -121,7 +153,8 @@ pub fn segment(
         advance(1);
         Ok(mask)
     });
-    Ok(Segmentation { masks: masks.collect::<Result<_, SegmentationError>>()?, support: work.evidence.support })
+    let masks = masks.collect::<Result<_, SegmentationError>>()?;
+    Ok(Segmentation { masks, shown: Shown::Object, support: work.evidence.support })
 }
 
 /// What is known at a time.
@@ -234,13 +267,18 @@ impl<'a> Work<'a> {
             (0..fine.len()).map(|pixel| coarse(pixel).map_or(0.0, |pixel| self.belongs[index][pixel])).collect();
         let mut belongs = Edges::new(&fine, OUTLINE * scale.max(1.0)).cut(&price, start, STEPS[2]);
         join_parts(&mut belongs, |pixel| covered[pixel], fine.width);
-        let drawn = GrayImage::from_fn(fine.width as u32, fine.height as u32, |u, v| {
-            Luma([(255.0 * belongs[v as usize * fine.width + u as usize]).round() as u8])
-        });
-        let (width, height) = view.image.dimensions();
-        let full = imageops::resize(&drawn, width, height, imageops::FilterType::Triangle);
-        Mask { coverage: stored(full) }
+        drawn(&belongs, &fine, view)
     }
+}
+
+/// A mask as large as the picture, by how much each pixel of a smaller one belongs to what is shown.
+pub(crate) fn drawn(belongs: &[f32], fine: &Shrunk, view: &View) -> Mask {
+    let drawn = GrayImage::from_fn(fine.width as u32, fine.height as u32, |u, v| {
+        Luma([(255.0 * belongs[v as usize * fine.width + u as usize]).round() as u8])
+    });
+    let (width, height) = view.image.dimensions();
+    let full = imageops::resize(&drawn, width, height, imageops::FilterType::Triangle);
+    Mask { coverage: stored(full) }
 }
 
 /// What a pixel at this distance from the volume's outline, positive inside, is taken for because of it and of what its depth

@@ -8,7 +8,7 @@ use std::sync::{Mutex, PoisonError};
 use anyhow::{Result, bail};
 use dvr_core::files::{Claim, FolderKind, OutputFolder, write_gray_png};
 use dvr_core::{Cancellation, HOLD_OUT_EVERY, HalfSpace, Mask, Scene};
-use dvr_segmentation::{MaskCommand, Segmentation, SupportPlane, masks_by_program, segment};
+use dvr_segmentation::{MaskCommand, Segmentation, Shown, SupportPlane, masks_by_program, segment};
 use dvr_train::{Observer, Support};
 
 use super::{SceneReading, print_notes};
@@ -131,5 +131,12 @@ fn summary(found: &Segmentation, support: Option<HalfSpace>) -> String {
         Some(support) => format!("it stands on a plane, which is not part of it ({support})"),
         None => "no plane that it stands on was found".to_owned(),
     };
+    if found.shown == Shown::Cube {
+        return format!(
+            "no object stands out of what is around it: masks show all that lies in the cube that the cameras look at, {} in \
+             the mean",
+            share(&found.masks)
+        );
+    }
     format!("masks were found from all views: the object fills {} in the mean; {support}", share(&found.masks))
 }
