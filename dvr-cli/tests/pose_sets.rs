@@ -46,6 +46,7 @@ fn sets_that_are_none_are_named_before_anything_is_begun() {
     refuses(&train(&[&top, &at("nothing")], &[]), &["nothing", "no pictures", "JPEG"]);
     refuses(&train(&[&top, &at("nowhere")], &[]), &["nowhere"]);
     refuses(&train(&[&top, &bottom], &["--masks", text(&at("masks"))]), &["masks", "2 sets", "of each"]);
+    refuses(&train(&[&top, &bottom], &["--masks", "cube"]), &["--masks cube", "all sets", "Leave it out"]);
     refuses(&train(&[&top, &bottom], &["--scale", "0:(1,1)-(9,9)=12cm"]), &["--scale", "dvr mesh RUN"]);
     refuses(&train(&[&top, &bottom], &["--drop-support"]), &["--drop-support", "Leave it out"]);
     refuses(&dvr(&["train", text(&top), text(&bottom), "--out", text(&at("bottom/run"))]), &["bottom"]);

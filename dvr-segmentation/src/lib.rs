@@ -2,10 +2,10 @@
 //!
 //! ```no_run
 //! use dvr_core::{Cancellation, Scene};
-//! use dvr_segmentation::segment;
+//! use dvr_segmentation::{Wanted, segment};
 //!
 //! let scene = Scene::read("photos/teapot")?;
-//! let found = segment(&scene.views, &Cancellation::default(), &|_, _| ())?;
+//! let found = segment(&scene.views, Wanted::Object, &Cancellation::default(), &|_, _| ())?;
 //! for (view, mask) in scene.views.iter().zip(&found.masks) {
 //!     println!("{}: {} pixels show the object", view.name, mask.object_pixels());
 //! }
@@ -36,7 +36,7 @@ pub use by_program::{ProgramMaskError, masks_by_program};
 pub use error::SegmentationError;
 pub use mask_command::{MaskCommand, MaskCommandError};
 pub use memory::memory_estimate;
-pub use segment::{Segmentation, Shown, segment};
+pub use segment::{Segmentation, Shown, Wanted, segment};
 pub use support_plane::SupportPlane;
 
 /// Half the edge of the cube that the object is looked for in, object units.

@@ -76,12 +76,21 @@ const STEPS: [usize; 3] = [400, 100, 60];
 /// Views that are needed.
 const LEAST_VIEWS: usize = 4;
 
+/// What masks are to show.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Wanted {
+    /// The object that stands out; where none does, as [`Cube`](Self::Cube).
+    Object,
+    /// All that lies in a cube around what is in the middles of pictures.
+    Cube,
+}
+
 /// What masks show.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Shown {
     /// An object that stands out of what is around it.
     Object,
-    /// All that lies in the cube: no object stands out of it.
+    /// All that lies in a cube around what is in the middles of pictures: no object stands out.
     Cube,
 }
 
@@ -104,12 +113,13 @@ pub struct Segmentation {
 /// Depths of pixels come from a plane sweep; the plane that the object stands on from them. Then, in turns: how
 /// frequent colours are in the object and around it; the outline in each picture that agrees best with colours, depths
 /// and volume and follows its edges; and the volume that the outlines of all views agree about. Where no object stands out,
-/// masks show all that lies in the cube.
+/// masks show all that lies in a cube around what is in the middles of pictures.
 ///
 /// # Errors
 /// [`SegmentationError`]: too few views, nothing that they agree about, or somebody wanted it to end.
 pub fn segment(
     views: &[View],
+    wanted: Wanted,
     cancellation: &Cancellation,
     progress: &(dyn Fn(usize, usize) + Sync),
 ) -> Result<Segmentation, SegmentationError> {
@@ -120,15 +130,16 @@ pub fn segment(
     }
     // A view's part of a round is about a third of its depths.
     let (parts, done) = ((NODES.len() + 4) * views.len(), AtomicUsize::new(0));
-    let advance = |parts_done: usize| progress(done.fetch_add(parts_done, Ordering::Relaxed) + parts_done, parts);
+    let advance = |more: usize| progress((done.fetch_add(more, Ordering::Relaxed) + more).min(parts), parts);
     let small: Vec<Shrunk> = views.par_iter().map(|view| Shrunk::new(view, WORKING_SIZE)).collect();
-    match object(views, &small, &asked, cancellation, &advance) {
-        Err(SegmentationError::NothingFound) => {}
-        found => return found,
+    if wanted == Wanted::Object {
+        match object(views, &small, &asked, cancellation, &advance) {
+            Err(SegmentationError::NothingFound) => {}
+            found => return found,
+        }
     }
-    // Depths, then outlines.
-    let (parts, done) = (2 * views.len(), AtomicUsize::new(0));
-    let advance = || progress(done.fetch_add(1, Ordering::Relaxed) + 1, parts);
+    // Depths and outlines of each view are what is left.
+    let advance = || advance(parts.div_ceil(2 * views.len()));
     let masks = within_cube(views, &small, &asked, cancellation, &advance)?.ok_or(SegmentationError::NothingFound)?;
     Ok(Segmentation { masks, shown: Shown::Cube, support: None })
 }

@@ -1,7 +1,7 @@
 //! A ball on a table, seen from all around: its masks are found, with the table's texture like its own and without any.
 
 use dvr_core::{Camera, Cancellation, Mask, Split, View, stored};
-use dvr_segmentation::{SegmentationError, segment};
+use dvr_segmentation::{SegmentationError, Wanted, segment};
 use glam::{DVec2, DVec3};
 use image::{Rgb, RgbImage};
 
@@ -77,7 +77,7 @@ fn a_ball_is_told_from_a_table_with_blotches_of_its_own_colours_in_part() {
         if blotch(at, 0.05) > 0.7 { [0.5 + 0.4 * value, 0.3 + 0.3 * value, 0.2] } else { [0.2, 0.3 + 0.4 * value, 0.6] }
     };
     let (views, right) = scene(table);
-    let found = segment(&views, &Cancellation::default(), &|_, _| ()).unwrap();
+    let found = segment(&views, Wanted::Object, &Cancellation::default(), &|_, _| ()).unwrap();
     let plane = found.support.expect("the table is found");
     assert!(plane.normal.z > 0.999 && (plane.offset + RADIUS as f32).abs() < 0.01, "{plane:?}");
     let worst = worst(&found.masks, &right);
@@ -87,21 +87,21 @@ fn a_ball_is_told_from_a_table_with_blotches_of_its_own_colours_in_part() {
 #[test]
 fn a_ball_is_told_from_a_plain_table_by_its_colours_and_the_same_twice() {
     let (views, right) = scene(|_| [0.8, 0.8, 0.82]);
-    let found = segment(&views, &Cancellation::default(), &|_, _| ()).unwrap();
+    let found = segment(&views, Wanted::Object, &Cancellation::default(), &|_, _| ()).unwrap();
     assert!(found.support.is_none(), "nothing of the table can be compared: {:?}", found.support);
     let worst = worst(&found.masks, &right);
     assert!(worst > 0.9, "{worst}");
-    assert_eq!(segment(&views, &Cancellation::default(), &|_, _| ()).unwrap().masks, found.masks);
+    assert_eq!(segment(&views, Wanted::Object, &Cancellation::default(), &|_, _| ()).unwrap().masks, found.masks);
 }
 
 #[test]
 fn views_for_testing_have_no_say() {
     let (mut views, _) = scene(|_| [0.8, 0.8, 0.82]);
-    let found = segment(&views, &Cancellation::default(), &|_, _| ()).unwrap();
+    let found = segment(&views, Wanted::Object, &Cancellation::default(), &|_, _| ()).unwrap();
     for view in views.iter_mut().filter(|view| view.split == Split::Test) {
         view.image = stored(RgbImage::from_pixel(SIDE, SIDE, Rgb([255, 0, 255])));
     }
-    let other = segment(&views, &Cancellation::default(), &|_, _| ()).unwrap();
+    let other = segment(&views, Wanted::Object, &Cancellation::default(), &|_, _| ()).unwrap();
     for ((view, a), b) in views.iter().zip(&found.masks).zip(&other.masks) {
         assert!(view.split == Split::Test || a == b, "{}", view.name);
     }
@@ -110,10 +110,10 @@ fn views_for_testing_have_no_say() {
 #[test]
 fn too_few_views_are_refused_and_the_work_ends_when_it_is_wanted() {
     let (views, _) = scene(|_| [0.8, 0.8, 0.82]);
-    let few = segment(&views[..3], &Cancellation::default(), &|_, _| ()).unwrap_err();
+    let few = segment(&views[..3], Wanted::Object, &Cancellation::default(), &|_, _| ()).unwrap_err();
     assert_eq!(few, SegmentationError::TooFewViews { found: 3, least: 4 });
     let cancellation = Cancellation::default();
     cancellation.cancel();
-    let ended = segment(&views, &cancellation, &|_, _| ()).unwrap_err();
+    let ended = segment(&views, Wanted::Object, &cancellation, &|_, _| ()).unwrap_err();
     assert!(matches!(ended, SegmentationError::Cancelled(_)), "{ended}");
 }

@@ -14,6 +14,8 @@ use super::scene::SceneArgs;
 pub enum MasksFrom {
     /// The scene's own; where no view has one, they are found from all views.
     Auto,
+    /// All that lies in a cube around what is in the middles of pictures; no view may have one.
+    Cube,
     /// The scene's own.
     Given,
     /// A folder, by the names of the views.
@@ -26,6 +28,7 @@ impl FromStr for MasksFrom {
     fn from_str(value: &str) -> Result<Self, Infallible> {
         Ok(match value {
             "auto" => Self::Auto,
+            "cube" => Self::Cube,
             "given" => Self::Given,
             folder => Self::Folder(folder.into()),
         })

@@ -8,7 +8,7 @@ use std::sync::{Mutex, PoisonError};
 use anyhow::{Result, bail};
 use dvr_core::files::{Claim, FolderKind, OutputFolder, write_gray_png};
 use dvr_core::{Cancellation, HOLD_OUT_EVERY, HalfSpace, Mask, Scene};
-use dvr_segmentation::{MaskCommand, Segmentation, Shown, SupportPlane, masks_by_program, segment};
+use dvr_segmentation::{MaskCommand, Segmentation, Shown, SupportPlane, Wanted, masks_by_program, segment};
 use dvr_train::{Observer, Support};
 
 use super::{SceneReading, print_notes};
@@ -30,7 +30,7 @@ pub fn run(args: &MasksArgs, cancellation: &Cancellation) -> Result<ExitCode> {
         bail!("{}: {have} of {} views have masks; these are used as they are", args.scene.display(), scene.views.len());
     }
     print_notes(&scene.warnings);
-    let found = find(&mut scene, by, args.reading.memory, cancellation)?;
+    let found = find(&mut scene, by, wanted(args.reading.masks.as_ref()), args.reading.memory, cancellation)?;
     let mut folder = OutputFolder::claim::<&str>(&args.out, FolderKind::Masks, claim, &[])?;
     write(&found.masks, &scene, &mut folder, &args.out, Path::new(""))?;
     println!("{}", found.summary);
@@ -43,7 +43,12 @@ pub fn run(args: &MasksArgs, cancellation: &Cancellation) -> Result<ExitCode> {
 
 /// Whether masks are to be found: no view has one, and nobody said where they are.
 pub fn are_missing(scene: &Scene, from: Option<&MasksFrom>) -> bool {
-    matches!(from, None | Some(MasksFrom::Auto)) && scene.views.iter().all(|view| view.mask.is_none())
+    matches!(from, None | Some(MasksFrom::Auto | MasksFrom::Cube)) && scene.views.iter().all(|view| view.mask.is_none())
+}
+
+/// What masks that are found are to show.
+pub fn wanted(from: Option<&MasksFrom>) -> Wanted {
+    if from == Some(&MasksFrom::Cube) { Wanted::Cube } else { Wanted::Object }
 }
 
 /// Refuses a program for masks beside masks that are there.
@@ -53,6 +58,7 @@ pub fn are_missing(scene: &Scene, from: Option<&MasksFrom>) -> bool {
 pub fn check_program(by: Option<&MaskCommand>, from: Option<&MasksFrom>) -> Result<()> {
     let given = match (by, from) {
         (None, _) | (_, None | Some(MasksFrom::Auto)) => return Ok(()),
+        (_, Some(MasksFrom::Cube)) => "cube".to_owned(),
         (_, Some(MasksFrom::Given)) => "given".to_owned(),
         (_, Some(MasksFrom::Folder(folder))) => folder.display().to_string(),
     };
@@ -69,11 +75,12 @@ pub struct FoundMasks {
     pub support: Option<HalfSpace>,
 }
 
-/// Finds the masks of all views, by a program where one is given, else from all views together, within `memory` where that
+/// Finds the masks of all views, by a program where one is given, else what is `wanted` from all views together, within `memory` where that
 /// is given; with progress.
 pub fn find(
     scene: &mut Scene,
     by: Option<&MaskCommand>,
+    wanted: Wanted,
     memory: Option<u64>,
     cancellation: &Cancellation,
 ) -> Result<FoundMasks> {
@@ -85,13 +92,13 @@ pub fn find(
         return Ok(FoundMasks { masks, summary, support: None });
     }
     make_room_for_masks(scene, memory)?;
-    let found = find_from_all_views(scene, cancellation)?;
+    let found = find_from_all_views(scene, wanted, cancellation)?;
     let half = |plane: SupportPlane| HalfSpace { normal: plane.normal.as_dvec3(), offset: f64::from(plane.offset) };
     let support = found.support.map(|plane| half(plane).transformed(&scene.object_to_world));
-    Ok(FoundMasks { summary: summary(&found, support), masks: found.masks, support })
+    Ok(FoundMasks { summary: summary(&found, wanted, support), masks: found.masks, support })
 }
 
-fn find_from_all_views(scene: &Scene, cancellation: &Cancellation) -> Result<Segmentation> {
+fn find_from_all_views(scene: &Scene, wanted: Wanted, cancellation: &Cancellation) -> Result<Segmentation> {
     let progress: Mutex<Option<Progress>> = Mutex::new(None);
     let tell = |done: usize, parts: usize| {
         let mut progress = progress.lock().unwrap_or_else(PoisonError::into_inner);
@@ -102,7 +109,7 @@ fn find_from_all_views(scene: &Scene, cancellation: &Cancellation) -> Result<Seg
         });
         progress.progress(done, "");
     };
-    Ok(segment(&scene.views, cancellation, &tell)?)
+    Ok(segment(&scene.views, wanted, cancellation, &tell)?)
 }
 
 /// Writes masks into a part of a folder that is ours; gives that part.
@@ -126,15 +133,15 @@ fn share(masks: &[Mask]) -> String {
 }
 
 /// What was found from all views, in a sentence.
-fn summary(found: &Segmentation, support: Option<HalfSpace>) -> String {
+fn summary(found: &Segmentation, wanted: Wanted, support: Option<HalfSpace>) -> String {
     let support = match support.map(|plane| Support { plane, is_dropped: false }) {
         Some(support) => format!("it stands on a plane, which is not part of it ({support})"),
         None => "no plane that it stands on was found".to_owned(),
     };
     if found.shown == Shown::Cube {
         return format!(
-            "no object stands out of what is around it: masks show all that lies in the cube that the cameras look at, {} in \
-             the mean",
+            "masks show all that lies in a cube around what is in the middles of the pictures{}, {} in the mean",
+            if wanted == Wanted::Cube { "" } else { ", since no object stands out there" },
             share(&found.masks)
         );
     }

@@ -10,7 +10,7 @@ use dvr_segmentation::MaskCommand;
 use dvr_sfm::{FoundCameras, PoseSet, SfmOptions, Source, join_sets};
 
 use super::cameras::{folder_beside, name_of, photographs_without_cameras, scene_of_photographs, show, with_its_name};
-use super::masks::{are_missing, find};
+use super::masks::{are_missing, find, wanted};
 use super::{SceneReading, print_notes};
 use crate::args::{CamerasArgs, FindingArgs, MasksFrom, SceneArgs};
 use crate::progress::Progress;
@@ -59,6 +59,11 @@ impl PoseSets<'_> {
                 "--masks {}: a folder of masks is for one scene, and these are {} sets. Put masks into the folder `masks` of each",
                 folder.display(),
                 self.paths.len()
+            );
+        }
+        if self.reading.masks == Some(MasksFrom::Cube) {
+            bail!(
+                "--masks cube takes in what is around the object, and that is not the same in all sets. Leave it out"
             );
         }
         self.check_apart()?;
@@ -180,7 +185,8 @@ impl PoseSets<'_> {
                     None => "the object is found from all views together".to_owned(),
                 }
             );
-            let found = find(&mut scene, self.segment, self.reading.memory, cancellation)?;
+            let found =
+                find(&mut scene, self.segment, wanted(self.reading.masks.as_ref()), self.reading.memory, cancellation)?;
             print_notes(&[format!("{}: {}", set.name, found.summary)]);
             for (view, mask) in scene.views.iter_mut().zip(found.masks) {
                 view.mask = Some(mask);

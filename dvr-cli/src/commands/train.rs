@@ -17,7 +17,7 @@ use dvr_train::{
 
 use super::cameras::{photographs_without_cameras, scene_of_photographs};
 use super::depth_table::in_short;
-use super::masks::{are_missing, check_program, find, write};
+use super::masks::{are_missing, check_program, find, wanted, write};
 use super::mesh_line::mesh_line;
 use super::method_of_args::method_of_args;
 use super::points_table::print_points;
@@ -29,7 +29,7 @@ use super::shape_table::print_shape;
 use super::simplified::simplified_to;
 use super::texture::sentence;
 use super::{SceneReading, print_notes, refinement_notes, run_mesh_options, scene_of_run, train_objects};
-use crate::args::{SceneArgs, SegmentArg, TrainArgs};
+use crate::args::{MasksFrom, SceneArgs, SegmentArg, TrainArgs};
 use crate::commands::report::write_report;
 use crate::memory::{limit_training, make_room, of_process};
 use crate::progress::Progress;
@@ -163,6 +163,11 @@ fn train_scene(
         writing = Some(taken);
         support = plane;
         (scene, reading, views) = read_with(args, Some(masks), method, cancellation)?;
+    } else if start.resumed.is_none() && args.reading.masks == Some(MasksFrom::Cube) {
+        bail!(
+            "{}: --masks cube makes masks where no view has one, and some have. Leave it out to use these",
+            scene.name
+        );
     } else if start.resumed.is_none() && args.segment.segment.is_some() {
         let have = scene.views.iter().filter(|view| view.mask.is_some()).count();
         bail!("{}: {have} of {} views have masks: {MASKS_ARE_THERE}", scene.name, scene.views.len());
@@ -269,10 +274,13 @@ fn found_masks(
     let by = args.segment.segment.as_ref();
     match by {
         Some(command) => eprintln!("{}: no view has a mask; `{command}` makes them", scene.name),
+        None if args.reading.masks == Some(MasksFrom::Cube) => {
+            eprintln!("{}: what lies in a cube is found from all views together", scene.name);
+        }
         None => eprintln!("{}: no view has a mask; the object is found from all views together", scene.name),
     }
     // Before the folder is taken: a run that is to be replaced stays where nothing is found.
-    let found = find(scene, by, memory, cancellation)?;
+    let found = find(scene, by, wanted(args.reading.masks.as_ref()), memory, cancellation)?;
     if args.drop_support && found.support.is_none() {
         bail!("{}: no plane that the object stands on was found; leave --drop-support out", scene.name);
     }
