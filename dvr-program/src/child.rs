@@ -228,6 +228,8 @@ fn end(child: &mut Child) {
 
 #[cfg(all(test, unix))]
 mod tests {
+    use dvr_test_support::{test_with, wait_channels};
+
     use super::*;
 
     /// How a script ends, and its lines, those of standard error with a `!` before them.
@@ -277,14 +279,15 @@ mod tests {
         assert!(matches!(missing, Err(ProgramError::NotStarted(_))), "{missing:?}");
     }
 
-    /// Two threads that hold what the other waits for.
-    #[cfg(target_os = "linux")]
-    #[test]
+    /// A child whose threads wait for each other: the test for the channel, and the harness for the test.
+    #[test_with(wait_channels)]
     fn a_program_that_waits_for_itself_is_ended() {
+        wait_channels();
         const ENDLESS: &str = "DVR_TEST_WAITS_FOR_ITSELF";
         if std::env::var_os(ENDLESS).is_some() {
             let (_sender, receiver) = std::sync::mpsc::channel::<()>();
-            let _ = receiver.recv();
+            // It ends, should nobody end it.
+            let _ = receiver.recv_timeout(Duration::from_secs(60));
         }
         let mut command = Command::new(std::env::current_exe().unwrap());
         command.args(["a_program_that_waits_for_itself_is_ended", "--nocapture"]).env(ENDLESS, "1");

@@ -132,6 +132,8 @@ impl LastWords {
 
 #[cfg(all(test, unix))]
 mod tests {
+    use dvr_test_support::{test_with, wait_channels};
+
     use super::*;
 
     const TASK: Task = Task { program: "colmap", step: "features", takes_bytes: false };
@@ -163,5 +165,29 @@ mod tests {
         assert!(error.contains("colmap failed at features (exit status: 3): ERROR: no database."), "{error}");
         let (result, _) = shell("kill -SEGV $$");
         assert!(result.unwrap_err().to_string().contains("signal: 11"));
+    }
+
+    /// COLMAP, as this test itself plays it: the first time, its threads wait for each other for good.
+    #[test_with(wait_channels)]
+    fn colmap_that_hangs_is_run_again() {
+        wait_channels();
+        const MARK: &str = "DVR_TEST_HANGS_WITHOUT";
+        if let Some(mark) = std::env::var_os(MARK) {
+            if !Path::new(&mark).exists() {
+                std::fs::write(mark, "").unwrap();
+                let (_sender, receiver) = std::sync::mpsc::channel::<()>();
+                // It ends, should nobody end it.
+                let _ = receiver.recv_timeout(std::time::Duration::from_secs(90));
+                panic!("nobody ended it");
+            }
+            return;
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let mut log = Log::open(&folder.path().join("log")).unwrap();
+        let mut command = Command::new(std::env::current_exe().unwrap());
+        command.args(["colmap_that_hangs_is_run_again", "--nocapture"]).env(MARK, folder.path().join("mark"));
+        run(&mut command, TASK, &mut log, &Cancellation::default(), &mut |_| ()).unwrap();
+        let logged = std::fs::read_to_string(&log.path).unwrap();
+        assert_eq!(logged.matches("(it hung)").count(), 1, "{logged}");
     }
 }

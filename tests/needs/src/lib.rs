@@ -16,13 +16,14 @@ const REQUIRE: &str = "DVR_REQUIRE";
 /// #[test_with(browser)]                                  a Chromium
 /// #[test_with(colmap)]                                   COLMAP
 /// #[test_with(ffmpeg)]                                   ffmpeg
+/// #[test_with(wait_channels)]                            a Linux that tells what threads wait for
 /// #[test_with(mounts)]                                   a Linux where a test may mount a disk of its own
 /// #[test_with(scene("dtu_scan65"), scene("meshes"))]     what lies in DVR_SCENES
 /// #[test_with(large_fixture("resnet18_c256_fp16.pt"))]   what lies in DVR_LARGE_FIXTURES
 /// ```
 ///
 /// Where it is missing, the test is `ignored`, and the harness gives the reason and counts it. Where `DVR_REQUIRE`
-/// lists it (`gpu`, `browser`, `colmap`, `ffmpeg`, `mounts`, `scenes`,
+/// lists it (`gpu`, `browser`, `colmap`, `ffmpeg`, `mounts`, `wait_channels`, `scenes`,
 /// `large_fixtures`), the test is run all the same, and fails.
 ///
 /// The machine is looked at when the test is compiled; a change of one of these variables compiles it again.
@@ -72,13 +73,14 @@ fn ignored(needs: TokenStream) -> Result<Option<String>, String> {
             ("colmap", None) => ("colmap", present::program("colmap").map(drop)),
             ("ffmpeg", None) => ("ffmpeg", present::program("ffmpeg").map(drop)),
             ("mounts", None) => ("mounts", present::mounts()),
+            ("wait_channels", None) => ("wait_channels", present::wait_channels()),
             ("scene", Some(part)) => ("scenes", present::below(present::SCENES, &part).map(drop)),
             ("large_fixture", Some(part)) => {
                 ("large_fixtures", present::below(present::LARGE_FIXTURES, &part).map(drop))
             }
             _ => {
                 return Err(format!(
-                    "`{need}` is none of: gpu, browser, colmap, ffmpeg, mounts, scene(\"...\"), large_fixture(\"...\")"
+                    "`{need}` is none of: gpu, browser, colmap, ffmpeg, mounts, wait_channels, scene(\"...\"), large_fixture(\"...\")"
                 ));
             }
         };

@@ -66,3 +66,17 @@ fn has_driver(folder: &Path) -> bool {
     let entries = folder.read_dir().into_iter().flatten().flatten();
     entries.into_iter().any(|entry| entry.path().extension() == Some(OsStr::new("json")))
 }
+
+/// Whether the system tells in `/proc` what a thread waits for (proc(5): `wchan`).
+pub fn wait_channels() -> Result<(), String> {
+    // A thread that waits for another, as this one does for it.
+    let (sender, receiver) = std::sync::mpsc::channel::<()>();
+    let waiting = std::thread::spawn(move || receiver.recv().is_ok());
+    std::thread::sleep(std::time::Duration::from_millis(200));
+    let told = std::fs::read_dir("/proc/self/task").into_iter().flatten().flatten().any(|thread| {
+        std::fs::read_to_string(thread.path().join("wchan")).is_ok_and(|waits_in| waits_in.starts_with("futex"))
+    });
+    drop(sender);
+    let _ = waiting.join();
+    if told { Ok(()) } else { Err("/proc does not tell what threads wait for".into()) }
+}

@@ -53,6 +53,12 @@ pub fn mounts() {
     needed(present::mounts());
 }
 
+/// That the system tells what threads wait for.
+#[track_caller]
+pub fn wait_channels() {
+    needed(present::wait_channels());
+}
+
 /// What a test needs: `test_with` ignores the test without it, but for what `DVR_REQUIRE` lists.
 #[track_caller]
 fn needed<T>(found: Result<T, String>) -> T {
