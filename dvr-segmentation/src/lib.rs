@@ -5,7 +5,7 @@
 //! use dvr_segmentation::{Wanted, segment};
 //!
 //! let scene = Scene::read("photos/teapot")?;
-//! let found = segment(&scene.views, Wanted::Object, &Cancellation::default(), &|_, _| ())?;
+//! let found = segment(&scene.views, Wanted::Auto, &Cancellation::default(), &|_, _| ())?;
 //! for (view, mask) in scene.views.iter().zip(&found.masks) {
 //!     println!("{}: {} pixels show the object", view.name, mask.object_pixels());
 //! }
@@ -29,8 +29,8 @@ mod plane_sweep;
 mod segment;
 mod shrunk;
 mod support_plane;
-mod surroundings;
 mod volume;
+mod within_cube;
 
 pub use by_program::{ProgramMaskError, masks_by_program};
 pub use error::SegmentationError;

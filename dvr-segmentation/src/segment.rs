@@ -15,8 +15,8 @@ use crate::outline::Edges;
 use crate::parts::join_parts;
 use crate::shrunk::Shrunk;
 use crate::support_plane::SupportPlane;
-use crate::surroundings::within_cube;
 use crate::volume::{Cube, Volume};
+use crate::within_cube::within_cube;
 
 /// Longer side of the pictures that are worked on, pixels.
 pub(crate) const WORKING_SIZE: u32 = 200;
@@ -80,6 +80,8 @@ const LEAST_VIEWS: usize = 4;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Wanted {
     /// The object that stands out; where none does, as [`Cube`](Self::Cube).
+    Auto,
+    /// The object that stands out, and nothing else.
     Object,
     /// All that lies in a cube around what is in the middles of pictures.
     Cube,
@@ -130,16 +132,20 @@ pub fn segment(
     }
     // A view's part of a round is about a third of its depths.
     let (parts, done) = ((NODES.len() + 4) * views.len(), AtomicUsize::new(0));
-    let advance = |more: usize| progress((done.fetch_add(more, Ordering::Relaxed) + more).min(parts), parts);
+    let advance = |more: usize| progress(done.fetch_add(more, Ordering::Relaxed) + more, parts);
     let small: Vec<Shrunk> = views.par_iter().map(|view| Shrunk::new(view, WORKING_SIZE)).collect();
-    if wanted == Wanted::Object {
+    if wanted != Wanted::Cube {
         match object(views, &small, &asked, cancellation, &advance) {
-            Err(SegmentationError::NothingFound) => {}
+            Err(SegmentationError::NothingFound) if wanted == Wanted::Auto => {}
             found => return found,
         }
     }
     // Depths and outlines of each view are what is left.
-    let advance = || advance(parts.div_ceil(2 * views.len()));
+    let (before, cube_done) = (done.into_inner(), AtomicUsize::new(0));
+    let advance = || {
+        let done = cube_done.fetch_add(1, Ordering::Relaxed) + 1;
+        progress(before + (parts - before) * done / (2 * views.len()), parts);
+    };
     let masks = within_cube(views, &small, &asked, cancellation, &advance)?.ok_or(SegmentationError::NothingFound)?;
     Ok(Segmentation { masks, shown: Shown::Cube, support: None })
 }

@@ -5,7 +5,7 @@
 //! and Levoy 1996, and the solid of least area that agrees with them is taken), and a mask is where a view meets it in the
 //! cube first. So all masks show the same thing.
 
-use dvr_core::voxel::{VoxelGrid, least_area};
+use dvr_core::voxel::{Segment, VoxelGrid, VoxelTraversal, least_area};
 use dvr_core::{Cancellation, Cancelled, Mask, View, signed_distance};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
@@ -42,9 +42,6 @@ const UNSEEN: f32 = 0.2;
 
 /// The least share of all pixels that must meet something in the cube.
 const LEAST: f64 = 0.02;
-
-/// Steps along a ray, spacings.
-const STEP: f32 = 0.5;
 
 /// How much the solid counts against outlines in plain colour, and the distance from which it counts so much, working pixels.
 const TRUST: f32 = 2.5;
@@ -141,24 +138,23 @@ impl Solid {
 
     /// The pixels of a view that meet it in the cube first.
     fn shown_in_cube(&self, view: &Shrunk) -> Vec<bool> {
-        let (reach, step) = (self.grid.half_extent(), STEP * self.grid.spacing());
-        let near = (view.camera.project(self.cube.origin).1 - 2.0 * reach).max(0.0);
-        let steps = (4.0 * reach / step) as usize;
+        let start = view.camera.center - self.cube.origin;
         let of_pixel = |pixel: usize| {
             let direction = view.camera.direction_through(view.middle(pixel));
-            let start = view.camera.center - self.cube.origin;
-            let mut points = (0..steps).map(|i| start + (near + i as f32 * step) * direction);
-            let met = points.find(|point| point.abs().max_element() < reach && self.is_solid(*point));
-            met.is_some_and(|point| point.abs().max_element() < self.cube.half)
+            let mut passed = VoxelTraversal::new(&self.grid, start, direction, 0.0, f32::MAX).into_iter().flatten();
+            passed.find(|segment| self.is_solid(segment.cell)).is_some_and(|Segment { enter, leave, .. }| {
+                let met = start + 0.5 * (enter + leave) * direction;
+                met.abs().max_element() < self.cube.half
+            })
         };
         (0..view.len()).map(of_pixel).collect()
     }
 
-    /// At the nearest node of a point of the grid.
-    fn is_solid(&self, point: Vec3) -> bool {
-        let last = (self.grid.nodes() - 1) as f32;
-        let [x, y, z] = self.grid.to_grid(point).round().clamp(Vec3::ZERO, Vec3::splat(last)).to_array();
-        self.solid[self.grid.index([x as usize, y as usize, z as usize])]
+    /// Whether half of a cell's corners are.
+    fn is_solid(&self, cell: [usize; 3]) -> bool {
+        let first = self.grid.index(cell);
+        let solid = self.grid.corner_offsets().into_iter().filter(|offset| self.solid[first + offset]);
+        solid.count() >= 4
     }
 }
 

@@ -21,8 +21,8 @@ pub struct SceneArgs {
     pub downscale: Option<u32>,
     /// Where masks come from: auto (the scene's own; where no view has one, `dvr train` finds them from all views together),
     /// cube (where no view has one: all that lies in a cube around what is in the middles of the pictures, for a part of
-    /// something larger), given (the scene's own, nothing else), or a folder with NAME.png for each view, e.g. those of `dvr masks` [default:
-    /// auto]
+    /// something larger), given (the scene's own, nothing else), or a folder with NAME.png for each view, e.g. those of
+    /// `dvr masks` [default: auto]
     #[arg(long, value_name = "WHERE", value_parser = clap::value_parser!(MasksFrom), conflicts_with = "background")]
     pub masks: Option<MasksFrom>,
     /// Plain background, from which masks are made: white, black, or border (the colour of each picture's border)

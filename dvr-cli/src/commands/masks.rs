@@ -48,7 +48,7 @@ pub fn are_missing(scene: &Scene, from: Option<&MasksFrom>) -> bool {
 
 /// What masks that are found are to show.
 pub fn wanted(from: Option<&MasksFrom>) -> Wanted {
-    if from == Some(&MasksFrom::Cube) { Wanted::Cube } else { Wanted::Object }
+    if from == Some(&MasksFrom::Cube) { Wanted::Cube } else { Wanted::Auto }
 }
 
 /// Refuses a program for masks beside masks that are there.
@@ -75,8 +75,8 @@ pub struct FoundMasks {
     pub support: Option<HalfSpace>,
 }
 
-/// Finds the masks of all views, by a program where one is given, else what is `wanted` from all views together, within `memory` where that
-/// is given; with progress.
+/// Finds the masks of all views, by a program where one is given, else what is `wanted` from all views together, within
+/// `memory` where that is given; with progress.
 pub fn find(
     scene: &mut Scene,
     by: Option<&MaskCommand>,

@@ -6,11 +6,11 @@ use std::process::ExitCode;
 use anyhow::{Result, bail};
 use dvr_core::dataset::{detect_format, digest_of_scene, is_object_dataset};
 use dvr_core::{Cancellation, Error, Scene};
-use dvr_segmentation::MaskCommand;
+use dvr_segmentation::{MaskCommand, Wanted};
 use dvr_sfm::{FoundCameras, PoseSet, SfmOptions, Source, join_sets};
 
 use super::cameras::{folder_beside, name_of, photographs_without_cameras, scene_of_photographs, show, with_its_name};
-use super::masks::{are_missing, find, wanted};
+use super::masks::{are_missing, find};
 use super::{SceneReading, print_notes};
 use crate::args::{CamerasArgs, FindingArgs, MasksFrom, SceneArgs};
 use crate::progress::Progress;
@@ -185,8 +185,8 @@ impl PoseSets<'_> {
                     None => "the object is found from all views together".to_owned(),
                 }
             );
-            let found =
-                find(&mut scene, self.segment, wanted(self.reading.masks.as_ref()), self.reading.memory, cancellation)?;
+            // What is around the object is not the same in all sets.
+            let found = find(&mut scene, self.segment, Wanted::Object, self.reading.memory, cancellation)?;
             print_notes(&[format!("{}: {}", set.name, found.summary)]);
             for (view, mask) in scene.views.iter_mut().zip(found.masks) {
                 view.mask = Some(mask);
