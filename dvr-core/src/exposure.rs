@@ -80,16 +80,19 @@ impl Exposure {
     }
 
     /// What the colours are multiplied by.
+    #[inline]
     pub fn scale(self) -> Vec3 {
         Vec3::from(self.factors)
     }
 
     /// What is added to them then: exactly zero where nothing is corrected.
+    #[inline]
     pub fn offset(self) -> Vec3 {
         (self.scale() - 1.0) * TOE
     }
 
     /// A colour at the mean exposure: sRGB, which may leave `[0, 1]`. The same bits where nothing is corrected.
+    #[inline]
     pub fn corrected(self, color: Vec3) -> Vec3 {
         self.scale() * color + self.offset()
     }

@@ -61,6 +61,7 @@ impl From<Vec<u8>> for PixelStore {
 impl Deref for PixelStore {
     type Target = [u8];
 
+    #[inline]
     fn deref(&self) -> &[u8] {
         match self {
             Self::Memory(bytes) => bytes,

@@ -1,8 +1,8 @@
 //! Patches of a photograph on a plane, compared with what other photographs show there.
 
 use glam::Vec3;
+use pulp::{Arch, NullaryFnOnce};
 
-use crate::patch::CenteredPatch;
 use crate::views::TrainingView;
 
 /// Samples along the side of a patch, and all.
@@ -19,13 +19,27 @@ pub(crate) const NOISE: f32 = 2e-5;
 /// far.
 pub(crate) const MAX_STRETCH: f32 = 1.15;
 
+/// Samples, filled up to whole vectors: what is computed of all of them is computed of many at once.
+const LANES: usize = 32;
+
+/// A number of each sample.
+type Lanes = [f32; LANES];
+
 /// Brightnesses around a pixel, and the points of the surface's tangent plane that they are seen at.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PlanePatch {
-    points: [Vec3; SAMPLES],
-    /// How they move on their rays as the plane moves along the middle one.
-    motions: [Vec3; SAMPLES],
-    brightness: CenteredPatch<SAMPLES>,
+    /// By axis.
+    points: [Lanes; 3],
+    /// How they move on their rays as the plane moves along the middle one, by axis.
+    motions: [Lanes; 3],
+    brightness: Centered,
+}
+
+/// Brightnesses less their mean, zero beyond the samples, and their variance.
+#[derive(Clone, Copy, Debug)]
+struct Centered {
+    values: Lanes,
+    variance: f32,
 }
 
 /// How alike two patches are, and how that changes as the surface moves along the ray.
@@ -59,46 +73,129 @@ impl PlanePatch {
     /// (of either sign); `None` at the object's outline and where the plane is seen edge-on.
     pub fn on_plane(
         view: &TrainingView,
-        [u, v]: [u32; 2],
+        pixel: [u32; 2],
         stride: u32,
         origin: Vec3,
         point: Vec3,
         normal: Vec3,
     ) -> Option<Self> {
-        let (mut points, mut motions, mut brightness) = ([Vec3::ZERO; SAMPLES], [Vec3::ZERO; SAMPLES], [0.0; SAMPLES]);
-        let height = normal.dot(point - origin);
-        let slope = normal.dot(view.direction(u, v));
-        let depth = height / slope;
-        for i in 0..SAMPLES {
-            let [u, v] = sample([u, v], i, stride)?;
-            brightness[i] = view.brightness(u, v)?;
-            let direction = view.direction(u, v);
-            let ray_depth = height / normal.dot(direction);
-            let stretch = ray_depth / depth;
-            if !(stretch < MAX_STRETCH && stretch * MAX_STRETCH > 1.0) {
-                return None;
-            }
-            points[i] = origin + ray_depth * direction;
-            motions[i] = slope / normal.dot(direction) * direction;
-        }
-        Some(Self { points, motions, brightness: CenteredPatch::new(brightness) })
+        Arch::new().dispatch(OnPlane { view, pixel, stride, origin, point, normal })
     }
 
     /// Compares with what another view shows at the same points; `None` where it does not show all of them.
     pub fn compare(&self, view: &TrainingView) -> Option<Likeness> {
-        let (mut seen, mut moves) = ([0.0; SAMPLES], [0.0; SAMPLES]);
-        for i in 0..SAMPLES {
-            let at = view.reproject(self.points[i], self.motions[i])?;
-            seen[i] = at.color.element_sum() / 3.0;
-            moves[i] = at.derivative.element_sum() / 3.0;
+        Arch::new().dispatch(Compare { patch: self, view })
+    }
+}
+
+/// See [`PlanePatch::on_plane`].
+struct OnPlane<'a> {
+    view: &'a TrainingView<'a>,
+    pixel: [u32; 2],
+    stride: u32,
+    origin: Vec3,
+    point: Vec3,
+    normal: Vec3,
+}
+
+/// Compiled for each instruction set: a closure would not be.
+impl NullaryFnOnce for OnPlane<'_> {
+    type Output = Option<PlanePatch>;
+
+    #[allow(clippy::needless_range_loop, reason = "loops over lanes are compiled to vectors")]
+    #[inline(always)]
+    fn call(self) -> Option<PlanePatch> {
+        let Self { view, pixel: [u, v], stride, origin, point, normal } = self;
+        let brightness = view.brightness_around::<SIDE, LANES>([u, v], stride)?;
+        let height = normal.dot(point - origin);
+        let middle = view.direction(u, v);
+        let slope = normal.dot(middle);
+        let depth = height / slope;
+        // Directions are linear in the pixel.
+        let [by_column, by_row] = [0, 1].map(|axis| stride as f32 * view.camera.to_direction.col(axis));
+        let (mut points, mut motions) = ([[0.0; LANES]; 3], [[0.0; LANES]; 3]);
+        let mut is_near = true;
+        for i in 0..LANES {
+            let direction: [f32; 3] =
+                std::array::from_fn(|axis| middle[axis] + COLUMNS[i] * by_column[axis] + ROWS[i] * by_row[axis]);
+            let approach = normal.x * direction[0] + normal.y * direction[1] + normal.z * direction[2];
+            let (ray_depth, motion) = (height / approach, slope / approach);
+            let stretch = ray_depth / depth;
+            is_near &= (stretch < MAX_STRETCH) & (stretch * MAX_STRETCH > 1.0);
+            for axis in 0..3 {
+                points[axis][i] = origin[axis] + ray_depth * direction[axis];
+                motions[axis][i] = motion * direction[axis];
+            }
         }
-        let seen = CenteredPatch::new(seen);
-        let correlation = self.brightness.correlation(&seen, NOISE);
+        is_near.then(|| PlanePatch { points, motions, brightness: Centered::new(brightness) })
+    }
+}
+
+/// See [`PlanePatch::compare`].
+struct Compare<'a> {
+    patch: &'a PlanePatch,
+    view: &'a TrainingView<'a>,
+}
+
+/// Compiled for each instruction set: a closure would not be.
+impl NullaryFnOnce for Compare<'_> {
+    type Output = Option<Likeness>;
+
+    #[inline(always)]
+    fn call(self) -> Option<Likeness> {
+        let PlanePatch { points, motions, brightness } = self.patch;
+        let (seen, moves) = self.view.reproject_brightness::<SAMPLES, LANES>(points, motions)?;
+        let seen = Centered::new(seen);
+        let scale = ((brightness.variance + NOISE) * (seen.variance + NOISE)).sqrt();
+        let correlation = mean_product(&brightness.values, &seen.values) / scale;
         // With centred values, derivatives need not be centred: their mean falls out of the sums.
-        let derivative = self.brightness.mean_product(&moves) / self.brightness.scale(&seen, NOISE)
-            - correlation * seen.mean_product(&moves) / (seen.variance + NOISE);
+        let derivative = mean_product(&brightness.values, &moves) / scale
+            - correlation * mean_product(&seen.values, &moves) / (seen.variance + NOISE);
         Some(Likeness { correlation, derivative })
     }
+}
+
+impl Centered {
+    /// Of samples; what lies beyond them does not count.
+    #[allow(clippy::needless_range_loop, reason = "loops over lanes are compiled to vectors")]
+    #[inline(always)]
+    fn new(mut values: Lanes) -> Self {
+        values[SAMPLES..].fill(0.0);
+        let mean = sum(&values) / SAMPLES as f32;
+        for i in 0..LANES {
+            values[i] -= mean;
+        }
+        values[SAMPLES..].fill(0.0);
+        Self { variance: mean_product(&values, &values), values }
+    }
+}
+
+/// The mean product of samples, of which one is zero beyond them.
+#[inline(always)]
+fn mean_product(a: &Lanes, b: &Lanes) -> f32 {
+    sum(&std::array::from_fn(|i| a[i] * b[i])) / SAMPLES as f32
+}
+
+/// The sum over lanes, in an order that is that of vectors of eight on every machine.
+#[inline(always)]
+fn sum(values: &Lanes) -> f32 {
+    let eighths: [f32; 8] = std::array::from_fn(|i| (values[i] + values[i + 8]) + (values[i + 16] + values[i + 24]));
+    let [a, b, c, d]: [f32; 4] = std::array::from_fn(|i| eighths[i] + eighths[i + 4]);
+    (a + c) + (b + d)
+}
+
+/// How far each sample lies from the middle, in strides; beyond the samples, in the middle.
+const COLUMNS: Lanes = places(false);
+const ROWS: Lanes = places(true);
+
+const fn places(of_rows: bool) -> Lanes {
+    let mut places = [0.0; LANES];
+    let mut i = 0;
+    while i < SAMPLES {
+        places[i] = (if of_rows { i / SIDE } else { i % SIDE }) as f32 - REACH as f32;
+        i += 1;
+    }
+    places
 }
 
 /// The pixel of a patch's sample; `None` beyond the picture's upper and left edges.
@@ -157,6 +254,11 @@ mod tests {
         assert_eq!(PlanePatch::contrast(view, [3, 3]), 0.0, "background");
     }
 
+    /// The points of a patch, or how they move.
+    fn by_sample(by_axis: &[Lanes; 3]) -> [Vec3; SAMPLES] {
+        std::array::from_fn(|i| Vec3::new(by_axis[0][i], by_axis[1][i], by_axis[2][i]))
+    }
+
     /// The patch of a pixel on a plane that its ray meets at this depth.
     fn on_plane(view: &TrainingView, pixel: [u32; 2], depth: f32, normal: Vec3) -> Option<PlanePatch> {
         let point = view.camera.center + depth * view.direction(pixel[0], pixel[1]);
@@ -175,13 +277,15 @@ mod tests {
             let middle = view.camera.center + 1.3 * view.direction(50, 45);
             let (near, far) =
                 (on_plane(view, pixel, 1.29, normal).unwrap(), on_plane(view, pixel, 1.31, normal).unwrap());
+            let [points, nearer, farther] = [&patch, &near, &far].map(|patch| by_sample(&patch.points));
+            let motions = by_sample(&patch.motions);
             for i in 0..SAMPLES {
-                assert!(normal.dot(patch.points[i] - middle).abs() < 1e-5);
-                let seen = view.camera.project(patch.points[i]).0 - glam::Vec2::splat(0.5);
+                assert!(normal.dot(points[i] - middle).abs() < 1e-5);
+                let seen = view.camera.project(points[i]).0 - glam::Vec2::splat(0.5);
                 let [u, v] = sample(pixel, i, 1).unwrap();
                 assert!(seen.distance(glam::Vec2::new(u as f32, v as f32)) < 1e-2, "{seen}");
-                let difference = (far.points[i] - near.points[i]) / 0.02;
-                assert!(patch.motions[i].distance(difference) < 1e-3, "{} and {difference}", patch.motions[i]);
+                let difference = (farther[i] - nearer[i]) / 0.02;
+                assert!(motions[i].distance(difference) < 1e-3, "{} and {difference}", motions[i]);
             }
         }
     }
@@ -198,8 +302,8 @@ mod tests {
             let normal = ahead.normalize() - turn * across / across.length_squared() * ahead.length();
             let patch = on_plane(view, [48, 48], 1.3, normal);
             let reach = patch.map(|patch| {
-                let depths =
-                    patch.points.map(|point| (point - view.camera.center).dot(ahead) / ahead.length_squared() / 1.3);
+                let depths = by_sample(&patch.points)
+                    .map(|point| (point - view.camera.center).dot(ahead) / ahead.length_squared() / 1.3);
                 depths.iter().fold(1.0f32, |most, depth| most.max(*depth).max(depth.recip()))
             });
             (reach, normal)
@@ -225,7 +329,8 @@ mod tests {
             let found = at(1.31);
             // Both patches in double precision.
             let own: Vec<f64> = (0..SAMPLES).map(|i| brightness(own, sample(pixel, i, 1).unwrap())).collect();
-            let color = |i: usize| other.reproject(patch.points[i], Vec3::X).unwrap().color;
+            let points = by_sample(&patch.points);
+            let color = |i: usize| other.reproject(points[i], Vec3::X).unwrap().color;
             let seen: Vec<f64> = (0..SAMPLES).map(|i| f64::from(color(i).element_sum()) / 3.0).collect();
             let mean = |values: &[f64]| values.iter().sum::<f64>() / SAMPLES as f64;
             let covariance = |a: &[f64], b: &[f64]| {

@@ -194,8 +194,96 @@ impl<'a> TrainingView<'a> {
         if u >= self.width || v >= self.height || !self.is_object(u, v) {
             return None;
         }
-        let levels = Vec3::from(self.colors[(v * self.width + u) as usize].map(f32::from));
-        Some(self.exposure.scale().dot(levels) / (3.0 * 255.0) + self.exposure.offset().element_sum() / 3.0)
+        Some(ObjectPixels::of(self)?.brightness((v * self.width + u) as usize))
+    }
+
+    /// Brightnesses of `SIDE` by `SIDE` pixels around one, `stride` apart; zero in the lanes beyond. `None` out of the
+    /// frame and off the object.
+    #[inline(always)]
+    pub fn brightness_around<const SIDE: usize, const N: usize>(
+        &self,
+        [u, v]: [u32; 2],
+        stride: u32,
+    ) -> Option<[f32; N]> {
+        let reach = SIDE as u32 / 2 * stride;
+        let [first_u, first_v] = [u.checked_sub(reach)?, v.checked_sub(reach)?];
+        if u + reach >= self.width || v + reach >= self.height {
+            return None;
+        }
+        let pixels = ObjectPixels::of(self)?;
+        let (mut brightness, mut shown) = ([0.0; N], u8::MAX);
+        for row in 0..SIDE {
+            let start = (first_v as usize + row * stride as usize) * pixels.width + first_u as usize;
+            for column in 0..SIDE {
+                let at = start + column * stride as usize;
+                brightness[row * SIDE + column] = pixels.brightness(at);
+                shown &= pixels.coverage[at];
+            }
+        }
+        ObjectPixels::are_object(shown).then_some(brightness)
+    }
+
+    /// Brightnesses at the projections of points, and their derivatives as each point moves along a direction of its
+    /// own. Points and directions are given by axis; those from `SAMPLES` on are not looked at, and are near enough to
+    /// the others not to matter. `None` where the view does not show the object in all four pixels around each: as
+    /// [`TrainingView::reproject`] has it, for many at once.
+    #[allow(clippy::needless_range_loop, reason = "loops over lanes are compiled to vectors")]
+    #[inline(always)]
+    pub fn reproject_brightness<const SAMPLES: usize, const N: usize>(
+        &self,
+        points: &[[f32; N]; 3],
+        directions: &[[f32; N]; 3],
+    ) -> Option<([f32; N], [f32; N])> {
+        let pixels = ObjectPixels::of(self)?;
+        let Pinhole { projection, offset, .. } = self.camera;
+        let [last_u, last_v] = [self.width, self.height].map(|side| side as f32 - 1.0);
+        let (mut s, mut t, mut flow_u, mut flow_v) = ([0.0f32; N], [0.0f32; N], [0.0; N], [0.0; N]);
+        let mut is_inside = true;
+        for i in 0..N {
+            let along = |axis: usize, of: &[[f32; N]; 3]| {
+                projection.x_axis[axis] * of[0][i]
+                    + projection.y_axis[axis] * of[1][i]
+                    + projection.z_axis[axis] * of[2][i]
+            };
+            let z = along(2, points) + offset.z;
+            let [u, v] = [(along(0, points) + offset.x) / z, (along(1, points) + offset.y) / z];
+            let away = along(2, directions);
+            flow_u[i] = (along(0, directions) - u * away) / z;
+            flow_v[i] = (along(1, directions) - v * away) / z;
+            (s[i], t[i]) = (u - 0.5, v - 0.5);
+            is_inside &= (z > 0.0) & (s[i] >= 0.0) & (t[i] >= 0.0) & (s[i] < last_u) & (t[i] < last_v);
+        }
+        if !is_inside {
+            return None;
+        }
+        let mut at = [0u32; N];
+        for i in 0..N {
+            // Not negative: cut off is rounded down.
+            let (u, v) = (s[i] as i32, t[i] as i32);
+            at[i] = v as u32 * self.width + u as u32;
+            (s[i], t[i]) = (s[i] - u as f32, t[i] - v as f32);
+        }
+        let (mut corners, mut shown) = ([[0.0; N]; 4], u8::MAX);
+        for i in 0..SAMPLES {
+            let top = at[i] as usize;
+            let places = [top, top + 1, top + pixels.width, top + pixels.width + 1];
+            for corner in 0..4 {
+                corners[corner][i] = pixels.brightness(places[corner]);
+                shown &= pixels.coverage[places[corner]];
+            }
+        }
+        if !ObjectPixels::are_object(shown) {
+            return None;
+        }
+        let (mut values, mut derivatives) = ([0.0; N], [0.0; N]);
+        for i in 0..N {
+            let [a, b, c, d] = [0, 1, 2, 3].map(|corner: usize| corners[corner][i]);
+            let (top, bottom) = (a + (b - a) * s[i], c + (d - c) * s[i]);
+            values[i] = top + (bottom - top) * t[i];
+            let by_u = (b - a) + ((d - c) - (b - a)) * t[i];
+            derivatives[i] = by_u * flow_u[i] + (bottom - top) * flow_v[i];
+        }
+        Some((values, derivatives))
     }
 
     /// Colour of a pixel; `None` out of the frame and off the object.
@@ -240,6 +328,43 @@ impl<'a> TrainingView<'a> {
     }
 }
 
+/// The pixels of a view for inner loops.
+struct ObjectPixels<'a> {
+    width: usize,
+    colors: &'a [[u8; 3]],
+    coverage: &'a [u8],
+    /// Brightness by the levels of the channels, and at levels of zero.
+    factors: Vec3,
+    offset: f32,
+}
+
+impl<'a> ObjectPixels<'a> {
+    /// None where the view has no mask.
+    #[inline(always)]
+    fn of(view: &'a TrainingView) -> Option<Self> {
+        Some(Self {
+            width: view.width as usize,
+            colors: &view.colors,
+            coverage: view.mask.as_ref()?.coverage.as_raw(),
+            factors: view.exposure.scale() / (3.0 * 255.0),
+            offset: view.exposure.offset().element_sum() / 3.0,
+        })
+    }
+
+    /// Of a pixel, by its index.
+    #[inline(always)]
+    fn brightness(&self, index: usize) -> f32 {
+        let [red, green, blue] = self.colors[index].map(f32::from);
+        self.factors.x * red + self.factors.y * green + self.factors.z * blue + self.offset
+    }
+
+    /// Whether pixels show the object whose coverages have these bits in common: half of each at least.
+    #[inline(always)]
+    fn are_object(common: u8) -> bool {
+        common & 0x80 != 0
+    }
+}
+
 /// A pixel's colour.
 fn color(pixel: [u8; 3]) -> Vec3 {
     Vec3::from(pixel.map(f32::from)) / 255.0
@@ -255,4 +380,68 @@ pub(crate) fn mean_object_color(views: &[&View]) -> Vec3 {
         }
     }
     (sum / count.max(1) as f64).as_vec3()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::losses::GridLosses;
+    use crate::step::suite::Fixture;
+
+    /// By axis, what four lanes have, the last of which is not looked at.
+    fn by_axis(of: [Vec3; 4]) -> [[f32; 4]; 3] {
+        std::array::from_fn(|axis| of.map(|of| of[axis]))
+    }
+
+    #[test]
+    fn brightnesses_of_many_points_are_the_means_of_the_channels_of_each() {
+        let mut fixture = Fixture::speckled_ball(0.3, GridLosses::default());
+        fixture.expose();
+        let (mut seen, mut unseen) = (0, 0);
+        for view in &fixture.views {
+            for i in 0..200 {
+                // Some off the ball, where the view shows no object.
+                let turn = 0.1 * i as f32;
+                let middle = 0.32 * Vec3::new(turn.cos(), turn.sin(), (0.37 * turn).cos() - 0.5);
+                let points = [0.0, 0.004, -0.003, 0.0].map(|by| middle + by * Vec3::new(1.0, -0.5, 0.7));
+                let directions = [Vec3::X, Vec3::NEG_Y, Vec3::ONE, Vec3::ZERO];
+                let found = view.reproject_brightness::<3, 4>(&by_axis(points), &by_axis(directions));
+                let expected: Option<Vec<Reprojection>> =
+                    (0..3).map(|i| view.reproject(points[i], directions[i])).collect();
+                assert_eq!(found.is_some(), expected.is_some(), "{middle}");
+                let (Some((values, derivatives)), Some(expected)) = (found, expected) else {
+                    unseen += 1;
+                    continue;
+                };
+                seen += 1;
+                for (i, expected) in expected.iter().enumerate() {
+                    assert!((values[i] - expected.color.element_sum() / 3.0).abs() < 1e-5);
+                    assert!((derivatives[i] - expected.derivative.element_sum() / 3.0).abs() < 1e-3);
+                }
+            }
+        }
+        assert!(seen > 50 && unseen > 50, "{seen} and {unseen}");
+    }
+
+    #[test]
+    fn brightnesses_around_a_pixel_are_those_of_its_neighbours() {
+        let mut fixture = Fixture::speckled_ball(0.3, GridLosses::default());
+        fixture.expose();
+        let view = &fixture.views[1];
+        let [width, height] = view.size();
+        let (mut there, mut missing) = (0, 0);
+        for (u, v) in (0..height).step_by(5).flat_map(|v| (0..width).step_by(5).map(move |u| (u, v))) {
+            for stride in [1, 4] {
+                let around = |at: u32| [-1i64, 0, 1].map(|k| i64::from(at) + k * i64::from(stride));
+                let pixels = around(v).into_iter().flat_map(|v| around(u).map(move |u| (u, v)));
+                let brightness = |(u, v): (i64, i64)| view.brightness(u.try_into().ok()?, v.try_into().ok()?);
+                let expected: Option<Vec<f32>> = pixels.map(brightness).collect();
+                let found = view.brightness_around::<3, 16>([u, v], stride);
+                assert_eq!(found.map(|found| found[..9].to_vec()), expected, "{u}, {v}");
+                assert!(found.is_none_or(|found| found[9..].iter().all(|&beyond| beyond == 0.0)));
+                if found.is_some() { there += 1 } else { missing += 1 }
+            }
+        }
+        assert!(there > 50 && missing > 50, "{there} and {missing}");
+    }
 }

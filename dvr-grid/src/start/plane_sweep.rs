@@ -139,7 +139,7 @@ impl<'a> PlaneSweep<'a> {
                 continue;
             }
             let Some(seen) = color_patch(sample) else { continue };
-            let found = patch.correlation(&seen, 0.0);
+            let found = patch.correlation(&seen);
             if found > best[0] {
                 best = [found, best[0]];
             } else {

@@ -15,7 +15,7 @@ use crate::losses::LossSums;
 use crate::losses::smoothness::LaplacianSmoothness;
 use crate::multires::Grids;
 use crate::step::backend::{COLOR_REST, StepBackend, StepInput};
-use crate::step::draw::draw;
+use crate::step::draw::{DrawnRay, draw_step};
 use crate::surface::Surface;
 use crate::views::TrainingView;
 
@@ -49,18 +49,17 @@ impl CpuBackend {
 
     /// Follows the rays of one step.
     fn ray_gradients(&self, input: &StepInput) -> (Vec<RayGradient>, LossSums) {
-        let (context, rays) = (self.context(input), input.config.rays);
-        let chunks: Vec<(Vec<RayGradient>, LossSums)> = (0..rays.div_ceil(CHUNK))
-            .into_par_iter()
-            .map(|chunk| {
+        let (context, config) = (self.context(input), input.config);
+        let drawn = draw_step(input.order, config.seed, input.rays_drawn, config.rays, input.views);
+        let chunks: Vec<(Vec<RayGradient>, LossSums)> = drawn
+            .par_chunks(CHUNK)
+            .map(|drawn| {
                 let mut sums = LossSums::default();
-                let ray_gradients = (chunk * CHUNK..((chunk + 1) * CHUNK).min(rays))
-                    .filter_map(|ray| {
-                        let drawn = draw(input.order, input.config.seed, input.rays_drawn + ray as u64);
-                        let pixel = input.views[drawn.view as usize].pixel_ray(drawn.view, drawn.pixel);
-                        context.ray_gradient(&pixel, drawn.seed, &mut sums)
-                    })
-                    .collect();
+                let of_ray = |drawn: &DrawnRay| {
+                    let pixel = input.views[drawn.view as usize].pixel_ray(drawn.view, drawn.pixel);
+                    context.ray_gradient(&pixel, drawn.seed, &mut sums)
+                };
+                let ray_gradients = drawn.iter().filter_map(of_ray).collect();
                 (ray_gradients, sums)
             })
             .collect();
