@@ -57,6 +57,7 @@ mod skip;
 mod slope_rule;
 mod surface;
 mod view;
+mod view_color;
 mod view_metrics;
 
 pub use chunks::{is_gpu, memory_excess};
@@ -71,4 +72,5 @@ pub use skip::SkipGrid;
 pub use slope_rule::{SlopeRule, dot};
 pub use surface::Surface;
 pub use view::{Rendering, render_view, render_view_supersampled, rendering_bytes};
+pub use view_color::{ViewColor, ViewColorError};
 pub use view_metrics::{ViewMetrics, view_metrics, view_metrics_at_own_exposure};

@@ -226,6 +226,14 @@ pub enum Error {
         /// What differs.
         problem: String,
     },
+    /// A file does not hold the view-dependent colour of a run.
+    #[error("{}: this is no view-dependent colour: {problem}; without the file, the run is rendered without it", path.display())]
+    NotViewColor {
+        /// The file.
+        path: PathBuf,
+        /// What was found.
+        problem: String,
+    },
     /// Something cannot be put in bytes.
     #[error("the state cannot be stored: {problem}")]
     NotStored {

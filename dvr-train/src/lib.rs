@@ -67,6 +67,7 @@ pub use export::run_metrics::RunMetrics;
 pub use export::run_results::{RunResults, finish};
 pub use export::support::Support;
 pub use export::texture::photo_texture;
+pub use export::view_color::load_view_color;
 pub use export::views::surface_points;
 pub use import::convert::{ImportOptions, ImportedScene, import};
 pub use import::reference_config::ReferenceConfig;

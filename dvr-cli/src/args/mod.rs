@@ -39,7 +39,7 @@ pub use method::MethodName;
 pub use points2mesh::Points2MeshArgs;
 pub use predict::PredictArgs;
 pub use preset::PresetArg;
-pub use render::{Animation, Cameras, RenderArgs, UpAxis};
+pub use render::{Animation, Cameras, RenderArgs, UpAxis, ViewColorChoice};
 pub use report::ReportArgs;
 pub use scene::{InfoArgs, SceneArgs};
 pub use stress::StressArgs;

@@ -55,6 +55,9 @@ pub struct RenderArgs {
     /// Also write normals as PNG
     #[arg(long)]
     pub normals: bool,
+    /// Colours that depend on the viewing direction, where the run found any
+    #[arg(long, value_enum, default_value_t = ViewColorChoice::On)]
+    pub view_color: ViewColorChoice,
     /// Samples across the object cube [2 to 8192]
     #[arg(long, default_value_t = 128, value_parser = within(2u32, 8192), value_name = "N")]
     pub samples: u32,
@@ -65,6 +68,15 @@ pub struct RenderArgs {
     pub backend: BackendArg,
     #[command(flatten)]
     pub memory: MemoryArg,
+}
+
+/// Whether colours of a run depend on the viewing direction.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum ViewColorChoice {
+    /// As photographs show it
+    On,
+    /// The same colour from everywhere, as the mesh has it
+    Off,
 }
 
 /// Axis of the orbit.

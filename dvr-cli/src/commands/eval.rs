@@ -23,7 +23,7 @@ use super::points_table::{print_points, score_by_points, settings, verified_poin
 use super::real_size::refuse_metres;
 use super::resumed::refuse_other_reading;
 use super::shape_table::print_shape;
-use super::stored_run::is_mesh;
+use super::stored_run::{is_mesh, view_color_of};
 use super::{SCENE_RESOLUTION, eval_objects, load_model, load_run, mesh_options, print_notes, scene_of_run};
 use crate::args::EvalArgs;
 use crate::memory;
@@ -80,7 +80,7 @@ pub fn run(args: &EvalArgs, cancellation: &Cancellation) -> Result<ExitCode> {
             return eval_objects::of_run(args, subject, &checkpoint, cancellation);
         }
         refuse_objects(args)?;
-        of_run(args, &checkpoint, cancellation)?
+        of_run(args, subject, &checkpoint, cancellation)?
     };
     let MeshFacts { vertices, faces, self_intersections } = report.mesh;
     println!("{}", mesh_line(vertices, faces, self_intersections));
@@ -182,7 +182,7 @@ fn with_masks<'a>(views: &[&'a View]) -> Result<Vec<&'a View>> {
     Ok(views.to_vec())
 }
 
-fn of_run(args: &EvalArgs, checkpoint: &Checkpoint, cancellation: &Cancellation) -> Result<Report> {
+fn of_run(args: &EvalArgs, subject: &Path, checkpoint: &Checkpoint, cancellation: &Cancellation) -> Result<Report> {
     refuse_other_reading(&args.reading, checkpoint)?;
     let scene: Scene = scene_of_run(checkpoint, args.data.as_ref(), args.reading.memory, cancellation)?;
     let device = args.backend.backend.device_for(method_of(&checkpoint.header.method)?.as_ref())?;
@@ -206,7 +206,11 @@ fn of_run(args: &EvalArgs, checkpoint: &Checkpoint, cancellation: &Cancellation)
     let shape = evaluate_shape(&mesh, &scene.ground_truth, &cameras_of(&scene), args.seed)?;
     let mut views = Vec::new();
     if !args.no_views {
-        views = rendered(model.shader(args.samples as usize).as_ref(), &split.test, cancellation)?;
+        let (shader, view_color) = (model.shader(args.samples as usize), view_color_of(subject)?);
+        views = match &view_color {
+            Some(found) => rendered(&found.on(shader.as_ref()), &split.test, cancellation)?,
+            None => rendered(shader.as_ref(), &split.test, cancellation)?,
+        };
     }
     let trained_on_points = method_of(&checkpoint.header.method)?.needs().sparse_points;
     let in_world = world_mesh(&mesh, &scene.object_to_world);

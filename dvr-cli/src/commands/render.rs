@@ -15,10 +15,10 @@ use glam::DVec3;
 use image::RgbImage;
 
 use super::real_size::refuse_metres;
-use super::stored_run::is_mesh;
+use super::stored_run::{is_mesh, view_color_of};
 use super::turntable::Turntable;
 use super::{load_model, load_run, print_notes, scene_of_run};
-use crate::args::{Cameras, RenderArgs, UpAxis};
+use crate::args::{Cameras, RenderArgs, UpAxis, ViewColorChoice};
 use crate::backend::Backend;
 use crate::memory;
 use crate::progress::Progress;
@@ -68,7 +68,15 @@ fn of_run(args: &RenderArgs, claim: Claim, turntable: &Turntable, cancellation: 
     cancellation.check()?;
     memory::check_rendering(cameras.iter().map(|(_, camera)| camera), &device, args.memory.memory)?;
     let shots = Shots { cameras, object_to_world: checkpoint.header.object_to_world };
-    shots.write(model.shader(args.samples as usize).as_ref(), args, claim, turntable, cancellation)
+    let view_color = match args.view_color {
+        ViewColorChoice::On if args.object.is_none() => view_color_of(&args.subject)?,
+        _ => None,
+    };
+    let shader = model.shader(args.samples as usize);
+    match &view_color {
+        Some(found) => shots.write(&found.on(shader.as_ref()), args, claim, turntable, cancellation),
+        None => shots.write(shader.as_ref(), args, claim, turntable, cancellation),
+    }
 }
 
 /// A mesh of the world of a scene's files, with its textures or the colours of its vertices. Without the scene, its own

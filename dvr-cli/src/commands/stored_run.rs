@@ -7,7 +7,8 @@ use burn::tensor::Device;
 use dvr_core::dataset::Normalise;
 use dvr_core::files::{OutputFolder, check_file};
 use dvr_core::{Cancellation, Exposure, Scene};
-use dvr_train::{Checkpoint, RefinedCameras, RunFolder, TrainedModel, load_object};
+use dvr_render::ViewColor;
+use dvr_train::{Checkpoint, RefinedCameras, RunFolder, TrainedModel, load_object, load_view_color};
 
 use super::scene_reading::SceneReading;
 
@@ -59,6 +60,15 @@ pub fn load_model(checkpoint: &Checkpoint, object: Option<usize>, device: &Devic
         Some(object) => load_object(checkpoint, object, device)?,
         None => dvr_train::load_model(checkpoint, device)?,
     })
+}
+
+/// What the colours of a run change by with the viewing direction. It belongs to the field that stands for the run: a
+/// checkpoint that is named by itself may hold another.
+pub fn view_color_of(run: &Path) -> Result<Option<ViewColor>> {
+    if !run.is_dir() {
+        return Ok(None);
+    }
+    Ok(load_view_color(&RunFolder::new(run))?)
 }
 
 /// The scene of a run, read as for training, in the same object space, and with the same views for the same purpose. The

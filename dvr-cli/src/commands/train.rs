@@ -344,6 +344,7 @@ fn report(metrics: &RunMetrics, folder: &RunFolder, cpu_seconds: f64) {
     }
     let figures = [
         ("test views, field", &metrics.test),
+        ("test views, field with view-dependent colour", &metrics.test_view_color),
         ("test views, mesh ", &metrics.test_mesh),
         ("validation views, field (they guided the run)", &metrics.validation),
     ];
@@ -385,6 +386,7 @@ fn report(metrics: &RunMetrics, folder: &RunFolder, cpu_seconds: f64) {
         folder.mesh_ply(),
         folder.mesh_glb(),
         folder.scene_file(),
+        folder.view_color(),
         folder.cameras(),
         folder.preview(),
         folder.metrics_json(),

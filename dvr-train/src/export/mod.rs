@@ -9,4 +9,5 @@ pub(crate) mod run_metrics;
 pub(crate) mod run_results;
 pub(crate) mod support;
 pub(crate) mod texture;
+pub(crate) mod view_color;
 pub(crate) mod views;

@@ -6,7 +6,7 @@ use dvr_core::mesh::{Look, Mesh, TexturedMesh, write_mesh, write_textured_mesh};
 use dvr_core::metrics::points::PointsSettings;
 use dvr_core::metrics::self_intersections;
 use dvr_core::{Camera, Cancellation, Exposure, Scene, VerifiedPoints, View, ViewSplit};
-use dvr_render::{MeshShader, Shader, view_metrics};
+use dvr_render::{MeshShader, Shader, ViewColor, view_metrics};
 use image::RgbImage;
 
 use crate::error::{Error, Result};
@@ -16,6 +16,7 @@ use crate::export::preview::preview_sheet;
 use crate::export::real_size::RealSize;
 use crate::export::run_metrics::RunMetrics;
 use crate::export::texture::photo_texture;
+use crate::export::view_color::{fit_view_color, store_view_color};
 use crate::export::views::surface_points;
 use crate::methods::method::Method;
 use crate::observer::Observer;
@@ -27,7 +28,7 @@ use crate::run::options::Trained;
 const SAMPLES: usize = 128;
 
 /// Pixels of test views, and of validation views, that the final figures look at. (Evaluation looks at all.)
-const FIGURE_PIXELS: usize = 40_000;
+pub(super) const FIGURE_PIXELS: usize = 40_000;
 
 /// Rays that look for parts of the surface which the extraction's coarse grid may miss.
 const SEED_RAYS: usize = 2_000;
@@ -45,6 +46,9 @@ pub struct RunResults {
     pub textured: Option<TexturedMesh>,
     /// What viewers do with its colours.
     pub look: Look,
+    /// What the field's colour changes by with the viewing direction, where that explains photographs which it was not
+    /// fitted to.
+    pub view_color: Option<ViewColor>,
     /// Input, render, depth and normals side by side.
     pub preview: RgbImage,
     /// The figures.
@@ -95,6 +99,12 @@ impl RunResults {
 
         let of_field = |views: &[&View]| view_metrics(shader.as_ref(), views, FIGURE_PIXELS);
         let (test, validation) = (of_field(&views.test), of_field(&views.validation));
+        let cancellation = &options.extraction.cancellation;
+        let view_color =
+            if method.is_compact() { fit_view_color(shader.as_ref(), &views, validation, cancellation)? } else { None };
+        laps.done("view-dependent colour")?;
+        let of_view_color = |found: &ViewColor| view_metrics(&found.on(shader.as_ref()), &views.test, FIGURE_PIXELS);
+        let test_view_color = view_color.as_ref().and_then(of_view_color);
         let test_mesh = mesh_shader.as_ref().and_then(|shader| view_metrics(shader, &views.test, FIGURE_PIXELS));
         laps.done("test and validation views")?;
         let empty = Mesh::default();
@@ -102,7 +112,6 @@ impl RunResults {
         let shape = evaluate_shape(mesh.as_ref().unwrap_or(&empty), &scene.ground_truth, &cameras, common.seed)?;
         let in_world = mesh.as_ref().map(|mesh| world_mesh(mesh, &outcome.header.object_to_world));
         let trained_on_points = method.needs().sparse_points;
-        let cancellation = &options.extraction.cancellation;
         let crossing = mesh.as_ref().map(|mesh| self_intersections(mesh, cancellation)).transpose()?;
         let points = match &in_world {
             Some(mesh) => PointsEvaluation::of_scene(mesh, scene, trained_on_points, &PointsSettings::default())?,
@@ -141,6 +150,7 @@ impl RunResults {
             depth_maps,
             views: outcome.header.views.clone().unwrap_or_default(),
             test,
+            test_view_color,
             test_mesh,
             validation,
             exposure_stops: Exposure::range(outcome.header.exposures.values()),
@@ -151,7 +161,7 @@ impl RunResults {
             measuring_seconds: outcome.measuring_seconds,
         };
         let textured = textured.map(|textured| textured.mesh.transformed(&to_export));
-        Ok(Self { mesh: exported, textured, look: options.look, preview, metrics })
+        Ok(Self { mesh: exported, textured, look: options.look, view_color, preview, metrics })
     }
 
     /// Writes mesh (PLY with colours per vertex, GLB with the texture where there is one), preview sheet and figures into a run's folder.
@@ -166,6 +176,7 @@ impl RunResults {
                 None => write_mesh(folder.mesh_glb(), mesh)?,
             }
         }
+        store_view_color(self.view_color.as_ref(), folder)?;
         dvr_core::files::write_rgb_png(&folder.preview(), &self.preview)?;
         let json = serde_json::to_string_pretty(&self.metrics);
         let json = json.map_err(|e| Error::NotStored { problem: e.to_string() })?;
@@ -244,7 +255,7 @@ struct Laps<'o> {
 
 impl<'o> Laps<'o> {
     fn new(observer: &'o mut dyn Observer, cancellation: &'o Cancellation) -> Self {
-        observer.phase("mesh, texture, preview and figures", 5);
+        observer.phase("mesh, texture, preview and figures", 6);
         Self { clock: Instant::now(), seconds: Vec::new(), observer, cancellation }
     }
 

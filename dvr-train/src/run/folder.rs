@@ -1,14 +1,15 @@
 //! The folder of a run: what lies where.
 
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use dvr_core::files::{Claim, FolderKind, OutputFolder, holds};
 
 use super::checkpoint::Checkpoint;
-use crate::error::Result;
+use crate::error::{Error, Result};
 
 /// All that a run may write.
-const FILES: [&str; 11] = [
+const FILES: [&str; 12] = [
     "best.ckpt",
     "cameras.json",
     "config.json",
@@ -20,6 +21,7 @@ const FILES: [&str; 11] = [
     "preview.png",
     "report.html",
     "scene.dvr",
+    "view_color.safetensors",
 ];
 
 /// Where the parts of a run lie.
@@ -52,6 +54,25 @@ impl RunFolder {
     /// The field alone, compact: for grid fields.
     pub fn scene_file(&self) -> PathBuf {
         self.root.join("scene.dvr")
+    }
+
+    /// What its colour changes by with the viewing direction: for grid fields.
+    pub fn view_color(&self) -> PathBuf {
+        self.root.join("view_color.safetensors")
+    }
+
+    /// Takes away what the colour of an earlier field changed by with the viewing direction.
+    ///
+    /// # Errors
+    /// When the file cannot be removed.
+    pub(crate) fn forget_view_color(&self) -> Result<()> {
+        let path = self.view_color();
+        match std::fs::remove_file(&path) {
+            Err(problem) if problem.kind() != ErrorKind::NotFound => {
+                Err(Error::NotStored { problem: format!("{}: {problem}", path.display()) })
+            }
+            _ => Ok(()),
+        }
     }
 
     /// The refined cameras, as nerfstudio's `transforms.json`, in the scene's own coordinates.
@@ -171,6 +192,7 @@ mod tests {
             run.preview(),
             run.report(),
             run.scene_file(),
+            run.view_color(),
         ];
         assert_eq!(paths.map(|path| path.strip_prefix("run").unwrap().to_owned()), FILES.map(PathBuf::from));
     }

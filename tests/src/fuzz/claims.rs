@@ -38,6 +38,7 @@ pub fn claims(reader: &str) -> Vec<(&'static str, Vec<u8>)> {
         "glb" | "gltf" => scenes(reader == "glb"),
         "safetensors" => networks::claiming(),
         "scene_dvr" => fields(),
+        "view_color" => networks::claiming_cells(),
         "reference_yaml" => yaml(),
         "config_json" | "transforms_json" => {
             vec![("nested lists", nested("[", "]")), ("nested objects", nested("{\"frames\":", "}"))]

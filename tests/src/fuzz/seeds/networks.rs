@@ -1,10 +1,15 @@
 //! Networks, fields and checkpoints.
 
+use std::collections::HashMap;
+
 use burn::tensor::Device;
 use dvr_core::voxel::VoxelGrid;
 use dvr_grid::{GridField, GridValues, grid_file};
 use dvr_model::{DecoderConfig, EncoderConfig, ImageModelConfig, read_pytorch, to_safetensors};
 use dvr_train::{Checkpoint, ImportOptions, LearnerState, Supervision, import, method_by_name};
+
+use safetensors::serialize;
+use safetensors::tensor::{Dtype, TensorView};
 
 use super::written;
 use crate::pytorch_file::{Entry, legacy_pytorch, write_pytorch};
@@ -75,6 +80,31 @@ pub(in crate::fuzz) fn scene_dvr() -> Vec<Vec<u8>> {
     [(9, 5), (5, 3), (3, 2)]
         .map(|(nodes, colors)| grid_file::to_bytes(&ball(nodes, colors)).unwrap_or_else(|e| panic!("{e}")))
         .into()
+}
+
+/// Colour that depends on the direction, at two nodes.
+pub(in crate::fuzz) fn view_color() -> Vec<Vec<u8>> {
+    vec![colors_at(&[3, 17], 4), colors_at(&[], 32)]
+}
+
+/// The same at these nodes of a grid of so many cells.
+fn colors_at(nodes: &[u32], cells: usize) -> Vec<u8> {
+    let count = nodes.len();
+    let nodes: Vec<u8> = nodes.iter().flat_map(|node| node.to_le_bytes()).collect();
+    // Ones, in 16 bits.
+    let numbers = [0x00, 0x3c].repeat(27 * count);
+    let view = |dtype, shape, bytes| TensorView::new(dtype, shape, bytes).unwrap_or_else(|e| panic!("{e}"));
+    let tensors = [
+        ("nodes", view(Dtype::U32, vec![count], &nodes)),
+        ("coefficients", view(Dtype::F16, vec![count, 9, 3], &numbers)),
+    ];
+    let metadata = HashMap::from([("cells".to_owned(), cells.to_string())]);
+    serialize(tensors, Some(metadata)).unwrap_or_else(|e| panic!("{e}"))
+}
+
+/// Cells that would take all memory, over no numbers.
+pub(in crate::fuzz) fn claiming_cells() -> Vec<(&'static str, Vec<u8>)> {
+    vec![("128 cells", colors_at(&[], 128)), ("1000 cells", colors_at(&[], 1000))]
 }
 
 /// A grid's, an imported network's, and that of a model of two objects with codes.
