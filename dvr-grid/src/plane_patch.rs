@@ -54,11 +54,10 @@ pub(crate) struct Likeness {
 impl PlanePatch {
     /// Variance of brightness around a pixel beyond that of a ramp, which is alike wherever it is carried; zero where
     /// not all of the patch shows the object.
-    pub fn contrast(view: &TrainingView, [u, v]: [u32; 2]) -> f32 {
+    pub fn contrast(view: &TrainingView, pixel: [u32; 2]) -> f32 {
+        let Some(brightness) = view.brightness_around::<SIDE, SAMPLES>(pixel, 1) else { return 0.0 };
         let (mut sums, mut squares) = ([0.0f32; 3], 0.0);
-        for i in 0..SAMPLES {
-            let place = sample([u, v], i, 1).and_then(|[u, v]| view.brightness(u, v));
-            let Some(found) = place else { return 0.0 };
+        for (i, found) in brightness.into_iter().enumerate() {
             let (du, dv) = ((i % SIDE) as f32 - REACH as f32, (i / SIDE) as f32 - REACH as f32);
             [found, found * du, found * dv].into_iter().zip(&mut sums).for_each(|(term, sum)| *sum += term);
             squares += found * found;
@@ -198,13 +197,6 @@ const fn places(of_rows: bool) -> Lanes {
     places
 }
 
-/// The pixel of a patch's sample; `None` beyond the picture's upper and left edges.
-fn sample([u, v]: [u32; 2], i: usize, stride: u32) -> Option<[u32; 2]> {
-    let reach = REACH * stride;
-    let (du, dv) = ((i % SIDE) as u32 * stride, (i / SIDE) as u32 * stride);
-    Some([(u + du).checked_sub(reach)?, (v + dv).checked_sub(reach)?])
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -215,23 +207,15 @@ mod tests {
         Fixture::speckled_ball(0.3, GridLosses::default())
     }
 
+    /// The pixel of a patch's sample.
+    fn sample([u, v]: [u32; 2], i: usize, stride: u32) -> [u32; 2] {
+        let by = |place: usize| place as i64 * i64::from(stride) - 2 * i64::from(stride);
+        [i64::from(u) + by(i % 5), i64::from(v) + by(i / 5)].map(|at| at.try_into().unwrap())
+    }
+
     /// The brightness of a photograph in double precision.
     fn brightness(view: &TrainingView, [u, v]: [u32; 2]) -> f64 {
         f64::from(view.brightness(u, v).unwrap())
-    }
-
-    #[test]
-    fn samples_lie_around_the_pixel_as_far_apart_as_the_stride() {
-        for stride in [1, 3] {
-            let found: Vec<[u32; 2]> = (0..SAMPLES).map(|i| sample([10, 20], i, stride).unwrap()).collect();
-            let around = |middle: u32| (-2..=2).map(move |k: i64| (i64::from(middle) + k * i64::from(stride)) as u32);
-            let expected: Vec<[u32; 2]> = around(20).flat_map(|v| around(10).map(move |u| [u, v])).collect();
-            assert_eq!(found, expected);
-            assert!(
-                sample([2 * stride - 1, 20], 0, stride).is_none() && sample([10, 2 * stride - 1], 0, stride).is_none()
-            );
-            assert_eq!(sample([2 * stride, 2 * stride], 0, stride), Some([0, 0]));
-        }
     }
 
     #[test]
@@ -240,7 +224,7 @@ mod tests {
         let view = &fixture.views[0];
         for pixel @ [u, v] in [[48, 48], [40, 55], [60, 37], [52, 61]] {
             // Least squares by hand: the mean and the two slopes are taken off one after the other.
-            let mut rest: Vec<f64> = (0..SAMPLES).map(|i| brightness(view, sample(pixel, i, 1).unwrap())).collect();
+            let mut rest: Vec<f64> = (0..SAMPLES).map(|i| brightness(view, sample(pixel, i, 1))).collect();
             let patterns: [fn(usize) -> f64; 3] = [|_| 1.0, |i| (i % 5) as f64 - 2.0, |i| (i / 5) as f64 - 2.0];
             for pattern in patterns {
                 let squares: f64 = (0..SAMPLES).map(|i| pattern(i).powi(2)).sum();
@@ -261,8 +245,19 @@ mod tests {
 
     /// The patch of a pixel on a plane that its ray meets at this depth.
     fn on_plane(view: &TrainingView, pixel: [u32; 2], depth: f32, normal: Vec3) -> Option<PlanePatch> {
+        on_plane_apart(view, pixel, 1, depth, normal)
+    }
+
+    /// The same with samples that lie this many pixels apart.
+    fn on_plane_apart(
+        view: &TrainingView,
+        pixel: [u32; 2],
+        stride: u32,
+        depth: f32,
+        normal: Vec3,
+    ) -> Option<PlanePatch> {
         let point = view.camera.center + depth * view.direction(pixel[0], pixel[1]);
-        PlanePatch::on_plane(view, pixel, 1, view.camera.center, point, normal)
+        PlanePatch::on_plane(view, pixel, stride, view.camera.center, point, normal)
     }
 
     /// A plane that faces the cameras, a little turned.
@@ -272,17 +267,16 @@ mod tests {
     fn a_patch_lies_on_its_plane_where_its_pixels_look_and_moves_on_their_rays() {
         let fixture = speckles();
         let (view, pixel) = (&fixture.views[1], [50, 45]);
-        for normal in [NORMAL, -NORMAL] {
-            let patch = on_plane(view, pixel, 1.3, normal).unwrap();
+        for (normal, stride) in [(NORMAL, 1), (-NORMAL, 1), (NORMAL, 3)] {
             let middle = view.camera.center + 1.3 * view.direction(50, 45);
-            let (near, far) =
-                (on_plane(view, pixel, 1.29, normal).unwrap(), on_plane(view, pixel, 1.31, normal).unwrap());
+            let [near, patch, far] =
+                [1.29, 1.3, 1.31].map(|depth| on_plane_apart(view, pixel, stride, depth, normal).unwrap());
             let [points, nearer, farther] = [&patch, &near, &far].map(|patch| by_sample(&patch.points));
             let motions = by_sample(&patch.motions);
             for i in 0..SAMPLES {
                 assert!(normal.dot(points[i] - middle).abs() < 1e-5);
                 let seen = view.camera.project(points[i]).0 - glam::Vec2::splat(0.5);
-                let [u, v] = sample(pixel, i, 1).unwrap();
+                let [u, v] = sample(pixel, i, stride);
                 assert!(seen.distance(glam::Vec2::new(u as f32, v as f32)) < 1e-2, "{seen}");
                 let difference = (farther[i] - nearer[i]) / 0.02;
                 assert!(motions[i].distance(difference) < 1e-3, "{} and {difference}", motions[i]);
@@ -328,7 +322,7 @@ mod tests {
             let patch = on_plane(own, pixel, 1.31, NORMAL).unwrap();
             let found = at(1.31);
             // Both patches in double precision.
-            let own: Vec<f64> = (0..SAMPLES).map(|i| brightness(own, sample(pixel, i, 1).unwrap())).collect();
+            let own: Vec<f64> = (0..SAMPLES).map(|i| brightness(own, sample(pixel, i, 1))).collect();
             let points = by_sample(&patch.points);
             let color = |i: usize| other.reproject(points[i], Vec3::X).unwrap().color;
             let seen: Vec<f64> = (0..SAMPLES).map(|i| f64::from(color(i).element_sum()) / 3.0).collect();

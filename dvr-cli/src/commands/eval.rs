@@ -184,6 +184,7 @@ fn with_masks<'a>(views: &[&'a View]) -> Result<Vec<&'a View>> {
 
 fn of_run(args: &EvalArgs, subject: &Path, checkpoint: &Checkpoint, cancellation: &Cancellation) -> Result<Report> {
     refuse_other_reading(&args.reading, checkpoint)?;
+    let view_color = view_color_of(subject)?;
     let scene: Scene = scene_of_run(checkpoint, args.data.as_ref(), args.reading.memory, cancellation)?;
     let device = args.backend.backend.device_for(method_of(&checkpoint.header.method)?.as_ref())?;
     memory::limit(&device, args.reading.memory);
@@ -206,7 +207,7 @@ fn of_run(args: &EvalArgs, subject: &Path, checkpoint: &Checkpoint, cancellation
     let shape = evaluate_shape(&mesh, &scene.ground_truth, &cameras_of(&scene), args.seed)?;
     let mut views = Vec::new();
     if !args.no_views {
-        let (shader, view_color) = (model.shader(args.samples as usize), view_color_of(subject)?);
+        let shader = model.shader(args.samples as usize);
         views = match &view_color {
             Some(found) => rendered(&found.on(shader.as_ref()), &split.test, cancellation)?,
             None => rendered(shader.as_ref(), &split.test, cancellation)?,

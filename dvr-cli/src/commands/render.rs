@@ -47,6 +47,10 @@ pub fn run(args: &RenderArgs, cancellation: &Cancellation) -> Result<ExitCode> {
 
 fn of_run(args: &RenderArgs, claim: Claim, turntable: &Turntable, cancellation: &Cancellation) -> Result<()> {
     let checkpoint = load_run(&args.subject)?;
+    let view_color = match args.view_color {
+        ViewColorChoice::On if args.object.is_none() => view_color_of(&args.subject)?,
+        _ => None,
+    };
     let device = args.backend.backend.device_for(dvr_train::method_of(&checkpoint.header.method)?.as_ref())?;
     memory::limit(&device, args.memory.memory);
     let model = load_model(&checkpoint, args.object, &device)?;
@@ -68,10 +72,6 @@ fn of_run(args: &RenderArgs, claim: Claim, turntable: &Turntable, cancellation: 
     cancellation.check()?;
     memory::check_rendering(cameras.iter().map(|(_, camera)| camera), &device, args.memory.memory)?;
     let shots = Shots { cameras, object_to_world: checkpoint.header.object_to_world };
-    let view_color = match args.view_color {
-        ViewColorChoice::On if args.object.is_none() => view_color_of(&args.subject)?,
-        _ => None,
-    };
     let shader = model.shader(args.samples as usize);
     match &view_color {
         Some(found) => shots.write(&found.on(shader.as_ref()), args, claim, turntable, cancellation),

@@ -5,7 +5,7 @@
 //! the surface: the least change that explains them.
 
 use dvr_core::voxel::VoxelGrid;
-use dvr_core::{Cancellation, Cancelled, UnitCube, View};
+use dvr_core::{Cancellation, Cancelled, Mask, UnitCube, View};
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -67,32 +67,31 @@ impl ViewColor {
 }
 
 /// Pixels of the object and not of its outline, evenly spread over all photographs, that meet the surface.
-fn samples(
+fn samples<'v>(
     shader: &dyn Shader,
-    views: &[&View],
+    views: &[&'v View],
     grid: &VoxelGrid,
     cancellation: &Cancellation,
 ) -> Result<Vec<Sample>, Cancelled> {
-    let of_view = |view: &usize| -> Vec<(u32, u32, u32)> {
-        let (width, height) = views[*view].image.dimensions();
-        let pixels = (1..height.saturating_sub(1)).flat_map(|v| (1..width.saturating_sub(1)).map(move |u| (u, v)));
-        let shown = |u: u32, v: u32| views[*view].is_training_object(u, v);
-        let is_inner = |&(u, v): &(u32, u32)| (v - 1..=v + 1).all(|v| (u - 1..=u + 1).all(|u| shown(u, v)));
-        pixels.filter(is_inner).map(|(u, v)| (*view as u32, u, v)).collect()
-    };
-    let by_view: Vec<Vec<_>> = (0..views.len()).collect::<Vec<_>>().par_iter().map(of_view).collect();
-    let count: usize = by_view.iter().map(Vec::len).sum();
+    let count: usize = views.par_iter().filter_map(|view| view.training_mask()).map(Mask::object_pixels).sum();
     // Odd, so that they do not all fall on a few columns.
     let stride = count.div_ceil(PIXELS).max(1) | 1;
-    let pixels: Vec<_> = by_view.into_iter().flatten().step_by(stride).collect();
+    let of_view = |view: &&'v View| -> Vec<(&'v View, u32, u32)> {
+        let (view, (width, height)) = (*view, view.image.dimensions());
+        let shown = move |u: u32, v: u32| view.is_training_object(u, v);
+        let inner = move |&(u, v): &(u32, u32)| (v - 1..=v + 1).all(|v| (u - 1..=u + 1).all(|u| shown(u, v)));
+        let pixels = (1..height.saturating_sub(1)).flat_map(|v| (1..width.saturating_sub(1)).map(move |u| (u, v)));
+        let spread = pixels.filter(|&(u, v)| shown(u, v)).step_by(stride);
+        spread.filter(inner).map(|(u, v)| (view, u, v)).collect()
+    };
+    let pixels: Vec<_> = views.par_iter().map(of_view).collect::<Vec<_>>().concat();
     let mut samples = Vec::with_capacity(pixels.len());
     for pixels in pixels.chunks(BATCH) {
         cancellation.check()?;
-        let rays: Vec<_> = pixels.iter().map(|&(view, u, v)| views[view as usize].camera.pixel_ray(u, v)).collect();
+        let rays: Vec<_> = pixels.iter().map(|&(view, u, v)| view.camera.pixel_ray(u, v)).collect();
         let shaded = shader.shade(&rays);
         for ((&(view, u, v), ray), shaded) in pixels.iter().zip(&rays).zip(shaded) {
             let Some(shaded) = shaded else { continue };
-            let view = views[view as usize];
             let shown = Vec3::from(view.image.get_pixel(u, v).0.map(f32::from)) / 255.0;
             let cell = grid.locate(ray.at(f64::from(shaded.depth)).as_vec3());
             samples.push(Sample {
@@ -175,7 +174,7 @@ fn ratio(above: Vec3, below: Vec3) -> Vec3 {
 #[cfg(test)]
 mod tests {
     use dvr_core::mesh::shapes;
-    use dvr_core::{Camera, Exposure, Mask, Ray, stored};
+    use dvr_core::{Camera, Exposure, Ray, stored};
     use glam::DVec3;
     use image::{GrayImage, Luma, Rgb, RgbImage};
 
