@@ -2,12 +2,12 @@
 
 mod support;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use dvr_core::files::{read_rgb, write_rgb_png};
 use image::RgbImage;
 use serde_json::Value;
-use support::{Tiny, dvr, succeeds, text};
+use support::{Tiny, copy_demo, dvr, succeeds, text};
 use tempfile::TempDir;
 
 /// A copy of the demo scene whose pictures may be changed.
@@ -18,15 +18,7 @@ struct Copy {
 impl Copy {
     fn new() -> Self {
         let folder = tempfile::tempdir().unwrap();
-        let demo = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/scenes/mug/mug");
-        for part in ["image", "mask"] {
-            std::fs::create_dir(folder.path().join(part)).unwrap();
-            for file in std::fs::read_dir(demo.join(part)).unwrap() {
-                let file = file.unwrap();
-                std::fs::copy(file.path(), folder.path().join(part).join(file.file_name())).unwrap();
-            }
-        }
-        std::fs::copy(demo.join("cameras.npz"), folder.path().join("cameras.npz")).unwrap();
+        copy_demo(folder.path());
         Self { folder }
     }
 

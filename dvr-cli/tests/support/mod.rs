@@ -177,6 +177,19 @@ pub fn succeeds(output: &Output) -> String {
     String::from_utf8_lossy(&output.stdout).into_owned()
 }
 
+/// Copies pictures, masks and cameras of the demo scene into a folder, where they may be changed.
+pub fn copy_demo(folder: &Path) {
+    let demo = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/scenes/mug/mug");
+    for part in ["image", "mask"] {
+        std::fs::create_dir_all(folder.join(part)).unwrap();
+        for file in std::fs::read_dir(demo.join(part)).unwrap() {
+            let file = file.unwrap();
+            std::fs::copy(file.path(), folder.join(part).join(file.file_name())).unwrap();
+        }
+    }
+    std::fs::copy(demo.join("cameras.npz"), folder.join("cameras.npz")).unwrap();
+}
+
 /// Asserts exit code 2 and a one-line message that holds all of `parts`.
 pub fn refuses(output: &Output, parts: &[&str]) {
     let error = String::from_utf8_lossy(&output.stderr);

@@ -63,8 +63,8 @@ pub struct RunMetrics {
     pub views: ViewNames,
     /// Renders of the field against test views, on an even subset of their pixels: nothing was chosen by these.
     pub test: Option<ViewMetrics>,
-    /// The same with colour that depends on the viewing direction; `None` where validation views look no better with it,
-    /// and for methods that have none.
+    /// The same with colour that depends on the viewing direction; `None` where validation views look hardly better with
+    /// it or there are none, and for methods that have none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub test_view_color: Option<ViewMetrics>,
     /// Renders of the mesh with its texture (without one, with the colours of its vertices), unlit, against the same

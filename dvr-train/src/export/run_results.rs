@@ -47,7 +47,7 @@ pub struct RunResults {
     /// What viewers do with its colours.
     pub look: Look,
     /// What the field's colour changes by with the viewing direction, where that explains photographs which it was not
-    /// fitted to.
+    /// fitted to by a quarter of a decibel.
     pub view_color: Option<ViewColor>,
     /// Input, render, depth and normals side by side.
     pub preview: RgbImage,

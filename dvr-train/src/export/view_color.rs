@@ -7,8 +7,11 @@ use crate::error::{Error, Result};
 use crate::export::run_results::FIGURE_PIXELS;
 use crate::run::folder::RunFolder;
 
-/// Fits it to the photographs that were trained on. Where validation views, which scored `without` it, look no better
-/// with it, there is none: few photographs, or a wrong surface.
+/// How much nearer to validation photographs it must bring pictures, dB: it may take as many bytes as the field.
+const MIN_GAIN_DB: f64 = 0.25;
+
+/// Fits it to the photographs that were trained on. There is none where validation views, which scored `without` it, look
+/// hardly better with it, and where there are no such views: few photographs, or a wrong surface, fit anything.
 ///
 /// # Errors
 /// [`Error::Cancelled`] where somebody wants it to end.
@@ -18,10 +21,10 @@ pub(crate) fn fit_view_color(
     without: Option<ViewMetrics>,
     cancellation: &Cancellation,
 ) -> Result<Option<ViewColor>> {
+    let Some(without) = without else { return Ok(None) };
     let Some(fitted) = ViewColor::fit(shader, &views.train, cancellation)? else { return Ok(None) };
     let with = view_metrics(&fitted.on(shader), &views.validation, FIGURE_PIXELS);
-    let is_better = with.zip(without).is_none_or(|(with, without)| with.psnr > without.psnr);
-    Ok(is_better.then_some(fitted))
+    Ok(with.filter(|with| with.psnr - without.psnr >= MIN_GAIN_DB).map(|_| fitted))
 }
 
 /// Writes it into a run's folder, or takes away what an earlier session left there.
