@@ -87,6 +87,58 @@ fn a_dataset_becomes_a_model_that_is_measured_on_unseen_objects_beside_its_basel
 }
 
 #[test]
+fn systems_of_other_papers_train_measure_predict_and_export_as_dvr_does() {
+    let corpus = Corpus::new();
+    let data = corpus.data();
+    let object = corpus.read("data/rings/test.lst").lines().next().unwrap().to_owned();
+    let picture = data.join("rings").join(object).join("image/0001.png");
+    let small = [
+        "encoder.image_size=63",
+        "encoder.width=2",
+        "code_dim=8",
+        "objects=4",
+        "validate_objects=2",
+        "validate_every=2",
+    ];
+    let small: Vec<&str> = small.iter().flat_map(|setting| ["--set", *setting]).collect();
+    for (system, more) in [
+        ("r2n2", "decoder.width=4"),
+        ("psgn", "points=64"),
+        ("atlasnet", "points=64"),
+        ("drc", "rays=16"),
+        ("softras", "views=1"),
+    ] {
+        let run = corpus.path(system);
+        let train =
+            |steps: &str, more: &[&str]| dvr(&[&["train", "--out", text(&run), "--steps", steps], more].concat());
+        let method = [&[text(&data), "--method", system, "--set", more][..], &small].concat();
+        let said = succeeds(&train("3", &method));
+        assert!(said.contains("6 objects"), "{system}: {said}");
+        succeeds(&train("4", &["--resume"]));
+        assert_eq!(corpus.curve(system).last().unwrap()[0], "4", "{system}");
+        assert!(run.join("report.html").is_file() && run.join("preview.png").is_file(), "{system}");
+        let table = succeeds(&dvr(&["eval", text(&run), "--resolution", "16", "--object-views", "1"]));
+        let has_volume = !matches!(system, "psgn" | "atlasnet");
+        assert!(table.contains("| rings | 1 |") && table.contains("Chamfer-L1 (x10)"), "{system}: {table}");
+        assert_eq!(table.contains("volume IoU"), has_volume, "{system}: {table}");
+        let export = corpus.path(&format!("{system}.safetensors"));
+        succeeds(&dvr(&["export", text(&run), "--out", text(&export)]));
+        let bytes = std::fs::read(&export).unwrap();
+        let names = SafeTensors::deserialize(&bytes).unwrap();
+        assert!(names.names().iter().any(|name| name.starts_with("decoder.")), "{system}");
+        let out = corpus.path(&format!("{system}_meshes"));
+        let predicted = dvr(&["predict", text(&run), text(&picture), "--out", text(&out)]);
+        // Voxels after four steps may be empty; points, pieces and spheres are never.
+        if !matches!(system, "r2n2" | "drc") {
+            succeeds(&predicted);
+            assert!(out.join("0001.glb").is_file() && out.join("0001.ply").is_file(), "{system}");
+        }
+        refuses(&dvr(&["mesh", text(&run)]), &["dvr predict"]);
+    }
+    refuses(&corpus.train("x", &["--method", "psgn", "--supervision", "depth"]), &["psgn", "occupancy", "depth"]);
+}
+
+#[test]
 fn a_killed_run_resumes_as_if_it_had_not_been() {
     let corpus = Corpus::new();
     let more = ["--supervision", "depth", "--steps", "40"];

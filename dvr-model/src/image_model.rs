@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::conditioned::Conditioned;
 use crate::decoder::{Decoder, DecoderConfig};
-use crate::encoder::{Convolutional, Encoder, EncoderConfig};
+use crate::encoder::{Encoder, EncoderConfig};
 
 /// Configuration of an [`ImageModel`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -42,13 +42,7 @@ impl ImageModelConfig {
         if code_dim == 0 {
             return Err(OutOfRange::new("decoder.code_dim", code_dim, "at least 1 (the paper's is 256)"));
         }
-        match self.encoder {
-            EncoderConfig::Convolutional { image_size, .. } if image_size < Convolutional::SMALLEST_IMAGE => {
-                let range = format!("at least {} for the convolutional encoder", Convolutional::SMALLEST_IMAGE);
-                Err(OutOfRange::new("encoder.image_size", image_size, range))
-            }
-            _ => Ok(()),
-        }
+        self.encoder.check_image_size()
     }
 
     /// How many numbers the model has at least.

@@ -58,6 +58,7 @@ mod image_model;
 mod mlp;
 mod pytorch;
 mod record;
+mod shapes;
 mod tensors;
 
 pub use conditioned::Conditioned;
@@ -68,3 +69,7 @@ pub use fused::FusedDecoder;
 pub use image_model::{ImageModel, ImageModelConfig};
 pub use pytorch::{AdamMoments, Imported, ImportedNetwork, PytorchCheckpoint, load_pretrained, read_pytorch};
 pub use record::{FORMAT_VERSION, NetworkConfig, from_safetensors, load_safetensors, save_safetensors, to_safetensors};
+pub use shapes::{
+    PatchDecoder, PointDecoder, ShapeDecoder, ShapeDecoderConfig, ShapeModel, ShapeModelConfig, SphereDecoder,
+    VoxelDecoder,
+};

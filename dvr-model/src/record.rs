@@ -19,6 +19,7 @@ use serde::de::DeserializeOwned;
 use crate::decoder::{Decoder, DecoderConfig};
 use crate::error::RecordError;
 use crate::image_model::{ImageModel, ImageModelConfig};
+use crate::shapes::{ShapeModel, ShapeModelConfig};
 use crate::tensors::{collect, fill};
 
 /// Version of the header that [`to_safetensors`] writes.
@@ -81,6 +82,23 @@ impl NetworkConfig for ImageModelConfig {
     }
 
     fn fresh(&self, device: &Device) -> ImageModel {
+        self.init(device)
+    }
+
+    fn from_keys(_: &HashMap<String, String>) -> Result<Self, RecordError> {
+        Err(RecordError::MissingKey { key: "config" })
+    }
+}
+
+impl NetworkConfig for ShapeModelConfig {
+    type Network = ShapeModel;
+    const FORMAT: &'static str = "dvr-shape-model";
+
+    fn parameters(&self) -> u64 {
+        Self::parameters(self)
+    }
+
+    fn fresh(&self, device: &Device) -> ShapeModel {
         self.init(device)
     }
 

@@ -53,6 +53,28 @@ pub enum Error {
     /// Occupancy supervision of a single scene.
     #[error("supervision occupancy is for datasets of many objects; a single scene takes rgb, depth or rgb+depth")]
     SceneOccupancy,
+    /// A supervision that a method has no loss for.
+    #[error(
+        "method {method} learns from {}, not from {supervision}",
+        known.iter().map(ToString::to_string).collect::<Vec<_>>().join(" or ")
+    )]
+    OtherSupervision {
+        /// The method.
+        method: &'static str,
+        /// What was asked for.
+        supervision: Supervision,
+        /// What it can learn from.
+        known: &'static [Supervision],
+    },
+    /// A system that makes nothing of a picture.
+    #[error("the model sees no object in the picture")]
+    NothingSeen,
+    /// A whole shape where a field is wanted.
+    #[error("method {method} makes whole shapes of pictures, and no field of which a mesh could be extracted anew")]
+    NoField {
+        /// The method.
+        method: String,
+    },
     /// The method learns from many objects, and a single scene was given.
     #[error("method {method} learns from a dataset of objects, not from a single scene")]
     NeedsObjects {

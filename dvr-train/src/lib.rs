@@ -85,19 +85,20 @@ pub use methods::grid::{GridMethod, grid};
 pub use methods::host_memory::{HostMemory, MemoryShares, check_host_memory};
 pub use methods::hull::hull;
 pub use methods::memory_estimate::check_memory;
-pub use methods::method::{Hardware, Method, Needs, Schedule, Start};
+pub use methods::method::{Hardware, Method, Needs, ObjectsTraining, Schedule, Start};
 pub use methods::network::network;
 pub use methods::object_model::load_object;
-pub use methods::objects::{ObjectsMethod, objects, objects_classic};
+pub use methods::objects::{ObjectsMethod, objects, objects_classic, onet};
 pub use methods::record::{CommonSettings, MethodRecord};
+pub use methods::systems::SystemMethod;
 pub use methods::trained_model::TrainedModel;
 pub use methods::{METHODS, MethodEntry, load_model, method_by_name, method_of};
 pub use objects::predict::{Prediction, predict};
 pub use objects::{
-    Evaluation, MeanScore, MeanShapes, Measurement, NearestPicture, ObjectModel, ObjectScore, ObjectsConfig,
-    ObjectsMetrics, ObjectsTrainer, Predictor, Results, Shape, Shard, StoredResults, Summary, TrainedObjects,
-    Unmeasured, evaluated_input, finish_objects, merge_results, read_results, to_markdown, train_objects,
-    write_summaries,
+    Evaluation, FieldsModel, MeanScore, MeanShapes, Measurement, NearestPicture, ObjectModel, ObjectScore,
+    ObjectsConfig, ObjectsMetrics, ObjectsTrainer, Predictor, Results, Shape, Shard, StoredResults, Summary, System,
+    SystemConfig, SystemModel, SystemTrainer, TrainedObjects, Unmeasured, evaluated_input, finish_objects,
+    merge_results, read_results, to_markdown, train_objects, write_summaries,
 };
 pub use observer::Observer;
 pub use resources::Resources;

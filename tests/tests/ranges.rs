@@ -3,7 +3,9 @@
 use dvr_core::number_range::{Allowed, NumberRange, check_numbers};
 use dvr_core::synth::SynthConfig;
 use dvr_render::extract::ExtractSettings;
-use dvr_train::{Error, GridConfig, METHODS, Method, ObjectsConfig, Supervision, TrainConfig};
+use dvr_train::{
+    Error, GridConfig, METHODS, Method, ObjectsConfig, ObjectsTraining, SystemConfig, TrainConfig, method_by_name,
+};
 use serde_json::{Value, json};
 
 /// Values that nobody means.
@@ -51,6 +53,7 @@ fn variants(method: &dyn Method) -> Vec<Value> {
         json!({"slope": {"kind": "classic", "epsilon": 1e-3}, "milestones_percent": [50]}),
         json!({"encoder": {"kind": "resnet18"}}),
         json!({"encoder": {"kind": "codes", "objects": 3}}),
+        json!({"decoder": {"kind": "patches", "patches": 3}}),
     ];
     forms.iter().filter_map(|form| method.overridden(form).ok()).map(|method| method.config().unwrap()).collect()
 }
@@ -67,10 +70,11 @@ fn range<'r>(ranges: &'r [NumberRange], key: &str) -> &'r Allowed {
 }
 
 fn ranges_of(method: &dyn Method) -> Vec<NumberRange> {
-    match method.name() {
-        "grid" | "hull" => GridConfig::ranges(),
-        "objects" | "objects-classic" => ObjectsConfig::ranges(),
-        _ => TrainConfig::ranges(),
+    match (method.name(), method.objects()) {
+        ("grid" | "hull", _) => GridConfig::ranges(),
+        (_, Some(ObjectsTraining::Fields(_))) => ObjectsConfig::ranges(),
+        (_, Some(ObjectsTraining::System(_))) => SystemConfig::ranges(),
+        (_, None) => TrainConfig::ranges(),
     }
 }
 
@@ -78,7 +82,7 @@ fn ranges_of(method: &dyn Method) -> Vec<NumberRange> {
 fn absurd_numbers_of_methods_are_refused_with_their_key_or_in_range() {
     let mut tried = 0;
     for entry in METHODS {
-        let method = (entry.new)(Supervision::Rgb);
+        let method = method_by_name(entry.name, None).unwrap();
         let ranges = ranges_of(method.as_ref());
         for config in variants(method.as_ref()) {
             let mut found = Vec::new();
@@ -137,10 +141,10 @@ fn absurd_numbers_of_datasets_and_extraction_are_refused_with_their_key() {
 fn every_range_is_that_of_a_number() {
     let mut known = Vec::new();
     for entry in METHODS {
-        let method = (entry.new)(Supervision::Rgb);
+        let method = method_by_name(entry.name, None).unwrap();
         variants(method.as_ref()).iter().for_each(|config| numbers(config, "", "", &mut known));
     }
-    let all = [GridConfig::ranges(), ObjectsConfig::ranges()].concat();
+    let all = [GridConfig::ranges(), ObjectsConfig::ranges(), SystemConfig::ranges()].concat();
     let idle = all.iter().find(|range| !known.iter().any(|(key, _)| *key == range.key));
     assert!(idle.is_none(), "{idle:?}");
 }
@@ -156,6 +160,7 @@ fn the_guide_tells_every_range() {
             "objects",
             ObjectsConfig::ranges().into_iter().filter(|range| !TrainConfig::ranges().contains(range)).collect(),
         ),
+        ("systems", SystemConfig::ranges()),
         ("synth", SynthConfig::RANGES.to_vec()),
     ];
     let row = |range: &NumberRange| format!("| `{}` | {} |\n", range.key, range.allowed);

@@ -4,7 +4,6 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result};
 use dvr_core::files::check_file;
-use dvr_model::save_safetensors;
 use dvr_train::{ObjectModel, method_of};
 
 use super::{load_model, load_run};
@@ -16,9 +15,8 @@ pub fn run(args: &ExportArgs) -> Result<ExitCode> {
     let checkpoint = load_run(&args.run)?;
     check_file(&args.out, args.overwrite)?;
     let device = Backend::Cpu.device()?;
-    if let Some(config) = method_of(&checkpoint.header.method)?.objects() {
-        let model = ObjectModel::load(&checkpoint, &device)?;
-        save_safetensors(&args.out, model.model(), &config.image_model())?;
+    if method_of(&checkpoint.header.method)?.objects().is_some() {
+        ObjectModel::load(&checkpoint, &device)?.save_network(&args.out)?;
     } else {
         let about = || format!("{}, made by method {}", args.run.display(), checkpoint.header.method.method);
         load_model(&checkpoint, None, &device)?.save_network(&args.out).with_context(about)?;

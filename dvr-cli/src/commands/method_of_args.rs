@@ -12,7 +12,7 @@ use crate::args::{CapacityArg, TrainArgs};
 /// Defaults with what the arguments change.
 pub fn method_of_args(args: &TrainArgs, is_dataset: bool) -> Result<Box<dyn Method>> {
     let name = method_name(args, is_dataset)?.unwrap_or(if is_dataset { "objects" } else { "grid" });
-    configured(method_by_name(name, args.supervision.unwrap_or_default())?, args, is_dataset)
+    configured(method_by_name(name, args.supervision)?, args, is_dataset)
 }
 
 /// A method with what the arguments change: a file, then single values, then the flags for seed and steps: later ones win.
@@ -55,7 +55,12 @@ pub fn method_name(args: &TrainArgs, is_dataset: bool) -> Result<Option<&'static
     match asked {
         Some(name) if fits(name) => Ok(Some(name)),
         Some(name) if is_dataset => {
-            bail!("a dataset of many objects takes --method network or classic; {name} reconstructs a single scene")
+            let others = METHODS.iter().filter(|entry| entry.learns_objects).map(|entry| entry.name);
+            let others = others.filter(|name| !name.starts_with("objects")).collect::<Vec<_>>().join(", ");
+            bail!(
+                "a dataset of many objects takes --method network or classic, or a system of another paper ({others}); {name} \
+                 reconstructs a single scene"
+            )
         }
         Some(name) => bail!("--method {name} is for datasets of many objects, and this is a single scene"),
         None => Ok(None),

@@ -8,7 +8,7 @@ use cpu_time::ProcessTime;
 use dvr_core::dataset::{ObjectDataset, ReadOptions};
 use dvr_core::{Cancellation, Split};
 use dvr_report::SourceRun;
-use dvr_train::{Method, ObjectsConfig, ObjectsMetrics, RunFolder, Stop, finish_objects, train_objects};
+use dvr_train::{Method, ObjectsMetrics, ObjectsTraining, RunFolder, Stop, finish_objects, train_objects};
 
 use super::dataset_of_run::options_of_run;
 use super::run_start::{RunStart, interrupted, run_options};
@@ -22,7 +22,7 @@ pub fn run(
     args: &TrainArgs,
     mut start: RunStart,
     method: &dyn Method,
-    config: &ObjectsConfig,
+    training: ObjectsTraining<'_>,
     cancellation: &Cancellation,
 ) -> Result<ExitCode> {
     let device = args.backend().device()?;
@@ -40,7 +40,7 @@ pub fn run(
         }
     };
     let dataset = Arc::new(ObjectDataset::open(&root, options.clone())?);
-    describe(&dataset, config);
+    describe(&dataset, method, training);
     let _writing = start.prepare(method)?;
     let (folder, resumed) = (&start.folder, start.resumed.as_ref());
     let options = run_options(args, folder, serde_json::to_value(options)?, device, cancellation)?;
@@ -79,7 +79,7 @@ fn refuse_scene_options(reading: &SceneArgs) -> Result<()> {
 }
 
 /// What is about to happen.
-fn describe(dataset: &ObjectDataset, config: &ObjectsConfig) {
+fn describe(dataset: &ObjectDataset, method: &dyn Method, training: ObjectsTraining<'_>) {
     let count = |split| dataset.of_split(split).len();
     let mut categories: Vec<&str> = dataset.objects().iter().map(|object| object.category.as_str()).collect();
     categories.sort_unstable();
@@ -92,8 +92,8 @@ fn describe(dataset: &ObjectDataset, config: &ObjectsConfig) {
         count(Split::Val),
         count(Split::Test),
         categories.len(),
-        config.train.supervision,
-        if config.one_view { ", one view of each object" } else { "" },
+        method.common().supervision,
+        if training.is_of_one_view() { ", one view of each object" } else { "" },
     );
 }
 

@@ -9,7 +9,7 @@ mod tests;
 
 use burn::module::Module;
 use burn::tensor::{Device, Int, Tensor};
-use dvr_core::number_range::{NumberRange, whole};
+use dvr_core::number_range::{NumberRange, OutOfRange, whole};
 use serde::{Deserialize, Serialize};
 
 pub use codes::Codes;
@@ -72,6 +72,20 @@ impl EncoderConfig {
         match self {
             Self::Resnet18 { image_size } | Self::Convolutional { image_size, .. } => Some(*image_size),
             Self::Codes { .. } => None,
+        }
+    }
+
+    /// Checks that images are large enough for the layers.
+    ///
+    /// # Errors
+    /// Names the size and the least that there must be.
+    pub fn check_image_size(&self) -> Result<(), OutOfRange> {
+        match *self {
+            Self::Convolutional { image_size, .. } if image_size < Convolutional::SMALLEST_IMAGE => {
+                let range = format!("at least {} for the convolutional encoder", Convolutional::SMALLEST_IMAGE);
+                Err(OutOfRange::new("encoder.image_size", image_size, range))
+            }
+            _ => Ok(()),
         }
     }
 

@@ -19,7 +19,8 @@ pub struct StepLoss {
     pub total: Tensor<1>,
     /// Name and value of each term that took part.
     pub terms: Vec<(&'static str, Tensor<1>)>,
-    /// Object pixels hit, of all pixels hit or object: the mask's intersection over union in this batch.
+    /// Object pixels hit, of all pixels hit or object: the mask's intersection over union in this batch. Not a number where
+    /// nothing is compared so.
     pub mask_iou: f64,
 }
 

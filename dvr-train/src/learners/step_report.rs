@@ -16,7 +16,7 @@ pub struct StepReport {
     pub loss: f64,
     /// Name and weighted value of each term, of the same step as `loss`.
     pub terms: Vec<(&'static str, f64)>,
-    /// Intersection over union of mask and hits in this batch.
+    /// Intersection over union of mask and hits in this batch; not a number where nothing is compared so.
     pub mask_iou: f64,
     /// Adam's step size.
     pub learning_rate: f64,
@@ -24,15 +24,39 @@ pub struct StepReport {
     pub samples: usize,
 }
 
+/// What a step's configuration says of it.
+pub(crate) struct StepSettings {
+    /// The step, counted from 1.
+    pub step: usize,
+    /// Whether no other follows.
+    pub is_last: bool,
+    /// Adam's step size.
+    pub learning_rate: f64,
+    /// Samples on a ray.
+    pub samples: usize,
+}
+
+impl StepSettings {
+    /// Of the step that follows so many.
+    pub fn of(config: &TrainConfig, steps_done: usize) -> Self {
+        Self {
+            step: steps_done + 1,
+            is_last: steps_done + 1 == config.steps,
+            learning_rate: config.learning_rate_at(steps_done),
+            samples: config.samples_at(steps_done),
+        }
+    }
+}
+
 impl StepReport {
-    /// Of a step whose loss is known, after so many steps; `last` is the report of the step before.
+    /// Of a step whose loss is known; `last` is the report of the step before.
     ///
     /// # Errors
     /// When the loss is not finite.
-    pub(crate) fn of(loss: &StepLoss, config: &TrainConfig, steps_done: usize, last: Option<&Self>) -> Result<Self> {
-        let step = steps_done + 1;
+    pub(crate) fn of(loss: &StepLoss, settings: StepSettings, last: Option<&Self>) -> Result<Self> {
+        let StepSettings { step, is_last, learning_rate, samples } = settings;
         let (value, terms) = match last {
-            Some(last) if is_gpu(&loss.total.device()) && !step.is_multiple_of(READ_EVERY) && step != config.steps => {
+            Some(last) if is_gpu(&loss.total.device()) && !step.is_multiple_of(READ_EVERY) && !is_last => {
                 (last.loss, last.terms.clone())
             }
             _ => read_losses(loss),
@@ -40,14 +64,7 @@ impl StepReport {
         if !value.is_finite() {
             return Err(Error::Diverged { step, value });
         }
-        Ok(Self {
-            step,
-            loss: value,
-            terms,
-            mask_iou: loss.mask_iou,
-            learning_rate: config.learning_rate_at(steps_done),
-            samples: config.samples_at(steps_done),
-        })
+        Ok(Self { step, loss: value, terms, mask_iou: loss.mask_iou, learning_rate, samples })
     }
 }
 

@@ -15,7 +15,7 @@ use crate::learners::batch::{PixelBatch, Pixels};
 use crate::learners::data_parallel::{DataParallel, Part, shares};
 use crate::learners::objective::{StepNoise, sparse_depth_loss, step_loss};
 use crate::learners::sparse::SparseTargets;
-use crate::learners::step_report::StepReport;
+use crate::learners::step_report::{StepReport, StepSettings};
 
 /// What a step looks at.
 struct Work {
@@ -144,7 +144,7 @@ impl<'a, F: Crossing + Module> Trainer<'a, F> {
         };
         let (loss, gradients) = self.devices.learn(&self.field, parts.collect(), learn);
 
-        let report = StepReport::of(&loss, config, self.step, self.last.as_ref())?;
+        let report = StepReport::of(&loss, StepSettings::of(config, self.step), self.last.as_ref())?;
         if let Some(gradients) = gradients {
             self.field = self.optimizer.step(report.learning_rate, self.field.clone(), gradients);
         }

@@ -4,12 +4,13 @@
 //! the device had set aside after some steps), and rounded up; most steps take between half of it and all of it. Rays
 //! that miss the cube take nothing.
 
-use dvr_model::{DecoderConfig, EncoderConfig};
+use dvr_model::{DecoderConfig, EncoderConfig, ShapeDecoderConfig};
 
 use crate::config::TrainConfig;
 use crate::error::{Error, Result};
 use crate::methods::method::Method;
 use crate::objects::config::ObjectsConfig;
+use crate::objects::systems::config::SystemConfig;
 use dvr_core::Supervision;
 
 /// Bytes of a number in single precision.
@@ -71,6 +72,34 @@ pub(crate) fn objects_step_bytes(config: &ObjectsConfig) -> u64 {
     (PAGES + objects_step(config)) as u64
 }
 
+/// The same for a system that makes whole shapes.
+pub(crate) fn system_step_bytes(config: &SystemConfig) -> u64 {
+    let objects = config.objects as f64;
+    // Numbers of all layers of an object's decoder.
+    let layers = match config.decoder {
+        // The finest layer's eight neighbours of each voxel, that of half its resolution, and what is made.
+        ShapeDecoderConfig::Voxels { width } => 1.25 * 8.0 * 17f64.powi(3) * width as f64 + 4.0 * 32f64.powi(3),
+        ShapeDecoderConfig::Points { width } => 4.0 * 768.0 * width as f64,
+        ShapeDecoderConfig::Patches { width, .. } => 1.75 * (config.points * width) as f64,
+        ShapeDecoderConfig::Sphere { width } => 3.0 * width as f64 + 12.0 * 1920.0,
+    };
+    let weights = config.model().parameters() as f64;
+    (PAGES
+        + objects * image_bytes(&config.encoder)
+        + NUMBER * (LAYERS_PER_BLOCK * objects * layers + PARAMETER_COPIES * weights)) as u64
+}
+
+/// Bytes of a picture in an encoder.
+fn image_bytes(encoder: &EncoderConfig) -> f64 {
+    match encoder {
+        EncoderConfig::Resnet18 { image_size } => RESNET_BYTES_PER_PIXEL * (image_size * image_size) as f64,
+        EncoderConfig::Convolutional { image_size, width } => {
+            CONVOLUTIONAL_BYTES_PER_PIXEL * (width * image_size * image_size) as f64
+        }
+        EncoderConfig::Codes { .. } => 0.0,
+    }
+}
+
 /// Bytes of a step on one scene.
 fn scene_step(config: &TrainConfig) -> f64 {
     let warm_start = config.hull.warm_start_points as f64 * point(&config.model);
@@ -81,7 +110,7 @@ fn scene_step(config: &TrainConfig) -> f64 {
 fn objects_step(config: &ObjectsConfig) -> f64 {
     let train = &config.train;
     let objects = config.objects as f64;
-    let ray_gradient = match train.supervision {
+    let of_targets = match train.supervision {
         Supervision::Occupancy => objects * config.points as f64 * point(&train.model),
         _ => rays_step(train, objects * train.rays as f64),
     };
@@ -91,15 +120,13 @@ fn objects_step(config: &ObjectsConfig) -> f64 {
         _ => train.rays,
     };
     let matches = NUMBER * objects * objects * points as f64;
-    let [images, weights] = match &config.encoder {
-        EncoderConfig::Resnet18 { image_size } => [RESNET_BYTES_PER_PIXEL * (image_size * image_size) as f64, 11.3e6],
-        EncoderConfig::Convolutional { image_size, width } => {
-            let width = *width as f64;
-            [CONVOLUTIONAL_BYTES_PER_PIXEL * width * (image_size * image_size) as f64, 1600.0 * width * width]
-        }
-        EncoderConfig::Codes { objects } => [0.0, (objects * train.model.code_dim) as f64],
+    let weights = match &config.encoder {
+        EncoderConfig::Resnet18 { .. } => 11.3e6,
+        EncoderConfig::Convolutional { width, .. } => 1600.0 * (width * width) as f64,
+        EncoderConfig::Codes { objects } => (objects * train.model.code_dim) as f64,
     };
-    ray_gradient + matches + objects * images + NUMBER * PARAMETER_COPIES * weights + parameters(&train.model)
+    let images = image_bytes(&config.encoder);
+    of_targets + matches + objects * images + NUMBER * PARAMETER_COPIES * weights + parameters(&train.model)
 }
 
 /// Bytes of so many rays: their points on the graph, and the normals at some of them.

@@ -7,6 +7,7 @@ use burn::tensor::Device;
 use dvr_core::metrics::depth_maps::StereoDepth;
 use dvr_core::{Cancellation, Scene, SparsePoints, Supervision, View};
 use dvr_grid::GridConfig;
+use dvr_model::EncoderConfig;
 use serde_json::Value;
 
 use crate::error::{Error, Result};
@@ -14,6 +15,7 @@ use crate::learners::learner::Learner;
 use crate::methods::record::{CommonSettings, MethodRecord};
 use crate::methods::trained_model::TrainedModel;
 use crate::objects::config::ObjectsConfig;
+use crate::objects::systems::config::SystemConfig;
 use crate::observer::Observer;
 use crate::run::best::Best;
 
@@ -114,9 +116,33 @@ pub trait Method: Debug + Send + Sync {
         false
     }
 
-    /// The configuration for a dataset of many objects, where this is the method for such.
-    fn objects(&self) -> Option<&ObjectsConfig> {
+    /// The configuration for a dataset of many objects, where this is a method for such.
+    fn objects(&self) -> Option<ObjectsTraining<'_>> {
         None
+    }
+}
+
+/// What is learned from a dataset of many objects.
+#[derive(Clone, Copy, Debug)]
+pub enum ObjectsTraining<'a> {
+    /// A field of each object: DVR, or an Occupancy Network.
+    Fields(&'a ObjectsConfig),
+    /// A whole shape of each: a system that DVR is compared with.
+    System(&'a SystemConfig),
+}
+
+impl<'a> ObjectsTraining<'a> {
+    /// What makes the codes.
+    pub fn encoder(self) -> &'a EncoderConfig {
+        match self {
+            Self::Fields(config) => &config.encoder,
+            Self::System(config) => &config.encoder,
+        }
+    }
+
+    /// Whether only one view of each object is ever learned from.
+    pub fn is_of_one_view(self) -> bool {
+        matches!(self, Self::Fields(ObjectsConfig { one_view: true, .. }))
     }
 }
 

@@ -6,8 +6,7 @@ use dvr_model::{Conditioned, EncoderConfig};
 use crate::error::{Error, Result};
 use crate::methods::field_model::FieldModel;
 use crate::methods::trained_model::TrainedModel;
-use crate::objects::config::ObjectsConfig;
-use crate::objects::model::ObjectModel;
+use crate::objects::object_model::ObjectModel;
 use crate::run::checkpoint::Checkpoint;
 
 /// The field of one of the objects, counted from 0, that a run knows by their codes.
@@ -15,14 +14,15 @@ use crate::run::checkpoint::Checkpoint;
 /// # Errors
 /// When the run knows no objects by codes, or not so many; when its model is damaged.
 pub fn load_object(checkpoint: &Checkpoint, object: usize, device: &Device) -> Result<Box<dyn TrainedModel>> {
-    let config = ObjectsConfig::of_record(&checkpoint.header.method)?;
-    let Some(ObjectsConfig { encoder: EncoderConfig::Codes { objects }, .. }) = config else {
-        return Err(Error::NoCodes);
-    };
+    let model = ObjectModel::load(checkpoint, device)?;
+    let EncoderConfig::Codes { objects } = *model.encoder() else { return Err(Error::NoCodes) };
     if object >= objects {
         return Err(Error::NoSuchObject { object, objects });
     }
-    Ok(model_of_field(ObjectModel::load(checkpoint, device)?.field_of_row(object)))
+    match model {
+        ObjectModel::Fields(model) => Ok(model_of_field(model.field_of_row(object))),
+        ObjectModel::System(model) => Err(Error::NoField { method: model.config().system.name().to_owned() }),
+    }
 }
 
 /// A network that is bound to an object.

@@ -11,7 +11,7 @@ use crate::config::TrainConfig;
 use crate::error::{Error, Result};
 use crate::learners::learner::Learner;
 use crate::methods::memory_estimate::objects_step_bytes;
-use crate::methods::method::{Method, Schedule, Start};
+use crate::methods::method::{Method, ObjectsTraining, Schedule, Start};
 use crate::methods::record::CommonSettings;
 use crate::methods::trained_model::TrainedModel;
 use crate::objects::config::ObjectsConfig;
@@ -33,6 +33,11 @@ pub fn objects_classic(supervision: Supervision) -> ObjectsMethod {
     ObjectsMethod { name: "objects-classic", config: ObjectsConfig::classic(supervision) }
 }
 
+/// Occupancy Networks (Mescheder et al. 2019): DVR's decoder with 3D supervision.
+pub fn onet() -> ObjectsMethod {
+    ObjectsMethod { name: "onet", config: ObjectsConfig::new(Supervision::Occupancy) }
+}
+
 impl ObjectsMethod {
     /// The paper's, with a configuration of one's own.
     pub(crate) fn classic(config: ObjectsConfig) -> Self {
@@ -42,6 +47,14 @@ impl ObjectsMethod {
     /// With a configuration of one's own.
     pub fn new(config: ObjectsConfig) -> Self {
         Self { name: "objects", config }
+    }
+}
+
+/// Why a model of many objects is no field by itself.
+pub(crate) fn no_field_alone(encoder: &EncoderConfig) -> Error {
+    match encoder {
+        EncoderConfig::Codes { objects } => Error::ChooseObject { objects: *objects },
+        _ => Error::NeedsPicture,
     }
 }
 
@@ -81,10 +94,7 @@ impl Method for ObjectsMethod {
     }
 
     fn load(&self, _: &[u8], _: &Device) -> Result<Box<dyn TrainedModel>> {
-        Err(match self.config.encoder {
-            EncoderConfig::Codes { objects } => Error::ChooseObject { objects },
-            _ => Error::NeedsPicture,
-        })
+        Err(no_field_alone(&self.config.encoder))
     }
 
     fn rays(&self) -> Option<RangeInclusive<usize>> {
@@ -99,7 +109,7 @@ impl Method for ObjectsMethod {
         objects_step_bytes(&config)
     }
 
-    fn objects(&self) -> Option<&ObjectsConfig> {
-        Some(&self.config)
+    fn objects(&self) -> Option<ObjectsTraining<'_>> {
+        Some(ObjectsTraining::Fields(&self.config))
     }
 }

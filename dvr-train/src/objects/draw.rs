@@ -1,22 +1,20 @@
 //! What a step looks at: which objects, which picture of each goes to the encoder, and what it learns from.
 
-use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
 use dvr_core::dataset::ObjectDataset;
-use dvr_core::{OccupancySamples, Split, View};
+use dvr_core::{OccupancySamples, View};
 use glam::Vec3;
 use image::RgbImage;
 use rand::Rng;
-use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 
 use super::config::ObjectsConfig;
 use super::hulls::{CoarseHull, Hulls};
+use super::object_drawer::ObjectDrawer;
 use crate::error::{Error, Result};
 use crate::learners::batch::Pixels;
 use crate::learners::objective::StepNoise;
-use crate::learners::trainer::step_rng;
 use dvr_core::Supervision;
 
 /// The objects of one step and what they show, before it goes to a device.
@@ -27,12 +25,12 @@ pub(crate) struct ObjectsBatch {
     /// What the encoder sees of each object; empty where it sees nothing.
     pub inputs: Vec<RgbImage>,
     /// What is learned from.
-    pub ray_gradient: RayGradient,
+    pub targets: Targets,
 }
 
 /// What is learned from in a step. `owner` is the place of the object in the batch.
 #[derive(Clone, Debug)]
-pub(crate) enum RayGradient {
+pub(crate) enum Targets {
     /// Pixels of posed views.
     Pixels { pixels: Pixels, owner: Vec<i64>, noise: StepNoise },
     /// Points, and whether they are inside.
@@ -46,12 +44,12 @@ impl ObjectsBatch {
         Self {
             rows: self.rows.drain(..count).collect(),
             inputs: self.inputs.drain(..pictures).collect(),
-            ray_gradient: self.ray_gradient.take_first(count as i64),
+            targets: self.targets.take_first(count as i64),
         }
     }
 }
 
-impl RayGradient {
+impl Targets {
     /// How many pixels or points there are.
     pub fn len(&self) -> usize {
         match self {
@@ -84,76 +82,44 @@ impl RayGradient {
 pub(crate) struct BatchDrawer {
     dataset: Arc<ObjectDataset>,
     config: ObjectsConfig,
-    /// The training objects.
-    objects: Vec<usize>,
+    objects: ObjectDrawer,
     /// Where the masks' hulls stand for depth maps.
     hulls: Option<Hulls>,
-    broken: Mutex<BTreeMap<usize, String>>,
 }
 
-/// One object of a batch.
-struct Drawn {
-    row: usize,
-    input: Option<RgbImage>,
-    ray_gradient: DrawnLesson,
-}
-
-enum DrawnLesson {
+enum ObjectTargets {
     Views(Vec<View>, Option<Arc<CoarseHull>>),
     Points(Vec<(Vec3, bool)>),
 }
-
-/// How many objects, one after the other, may be broken before training gives up.
-const TRIES: usize = 32;
-
-/// The random streams of epochs start here; those of steps, far below, are theirs.
-const FIRST_EPOCH_STREAM: u64 = 1 << 62;
 
 impl BatchDrawer {
     /// # Errors
     /// When the dataset has no training objects.
     pub fn new(dataset: Arc<ObjectDataset>, config: ObjectsConfig) -> Result<Self> {
-        let objects = dataset.of_split(Split::Train);
-        if objects.is_empty() {
-            return Err(dvr_core::Error::format(
-                dataset.root(),
-                "there are no objects to train on",
-                "Name them in `train.lst`, one a line, in the folder of each category.",
-            )
-            .into());
-        }
+        let image_size = config.encoder.image_size();
+        let objects = ObjectDrawer::new(dataset.clone(), config.objects, config.train.seed, image_size)?;
         let hulls = config.uses_hulls().then(|| Hulls::new(config.train.hull.resolution));
-        Ok(Self { dataset, config, objects, hulls, broken: Mutex::default() })
+        Ok(Self { dataset, config, objects, hulls })
     }
 
-    /// How many objects are trained on.
-    pub fn objects(&self) -> usize {
-        self.objects.len()
-    }
-
-    /// The objects that could not be used so far, by their index in the dataset, with the reason.
-    pub fn broken(&self) -> BTreeMap<usize, String> {
-        self.broken.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    /// The objects.
+    pub fn objects(&self) -> &ObjectDrawer {
+        &self.objects
     }
 
     /// Draws the batch of a step, counted from 1.
     ///
-    /// Every epoch goes through all objects in an order of its own. In the place of an object that is broken another
-    /// one is drawn.
-    ///
     /// # Errors
     /// When many objects in a row are broken.
     pub fn draw(&self, step: usize) -> Result<ObjectsBatch> {
-        let mut rng = step_rng(self.config.train.seed, step as u64);
-        let drawn =
-            self.places(step).into_iter().map(|row| self.draw_some(row, &mut rng)).collect::<Result<Vec<_>>>()?;
+        let (drawn, mut rng) = self.objects.draw(step, |object, rng| self.draw_targets(object, rng))?;
         let rows = drawn.iter().map(|object| object.row as i64).collect();
         let (mut inputs, mut pixels, mut owner) = (Vec::new(), Pixels::default(), Vec::new());
         let (mut points, mut inside) = (Vec::new(), Vec::new());
         for (place, object) in drawn.into_iter().enumerate() {
             inputs.extend(object.input);
-            match object.ray_gradient {
-                DrawnLesson::Views(views, hull) => {
+            match object.target {
+                ObjectTargets::Views(views, hull) => {
                     let views: Vec<&View> = views.iter().collect();
                     let first = pixels.len();
                     pixels.draw(&views, self.config.train.sampling(), &mut rng);
@@ -163,80 +129,28 @@ impl BatchDrawer {
                     }
                     owner.resize(pixels.len(), place as i64);
                 }
-                DrawnLesson::Points(samples) => {
+                ObjectTargets::Points(samples) => {
                     points.extend(samples.iter().map(|(point, _)| *point));
                     inside.extend(samples.iter().map(|(_, inside)| *inside));
                     owner.resize(points.len(), place as i64);
                 }
             }
         }
-        let ray_gradient = if self.config.train.supervision == Supervision::Occupancy {
-            RayGradient::Points { points, inside, owner }
+        let targets = if self.config.train.supervision == Supervision::Occupancy {
+            Targets::Points { points, inside, owner }
         } else {
             let noise = StepNoise::draw(&self.config.train, pixels.len(), &mut rng);
-            RayGradient::Pixels { pixels, owner, noise }
+            Targets::Pixels { pixels, owner, noise }
         };
-        Ok(ObjectsBatch { rows, inputs, ray_gradient })
+        Ok(ObjectsBatch { rows, inputs, targets })
     }
 
-    /// The training objects of a step, by their place among them.
-    fn places(&self, step: usize) -> Vec<usize> {
-        let count = self.objects.len();
-        let first = (step - 1) * self.config.objects;
-        let (mut epoch, mut order) = (usize::MAX, Vec::new());
-        (first..first + self.config.objects)
-            .map(|place| {
-                if place / count != epoch {
-                    epoch = place / count;
-                    order = (0..count).collect();
-                    order.shuffle(&mut step_rng(self.config.train.seed, FIRST_EPOCH_STREAM + epoch as u64));
-                }
-                order[place % count]
-            })
-            .collect()
-    }
-
-    /// Reads an object, or another one instead of it.
-    fn draw_some(&self, mut row: usize, rng: &mut ChaCha8Rng) -> Result<Drawn> {
-        let mut last = None;
-        for _ in 0..TRIES {
-            // The numbers drawn for an object are a stream of their own: what is read of it does not depend on others.
-            let stream = rng.random();
-            match self.draw_one(row, stream) {
-                Ok(drawn) => return Ok(drawn),
-                Err(problem) => {
-                    let mut broken = self.broken.lock().unwrap_or_else(PoisonError::into_inner);
-                    broken.entry(self.objects[row]).or_insert_with(|| problem.to_string());
-                    last = Some(problem);
-                }
-            }
-            row = rng.random_range(0..self.objects.len());
+    fn draw_targets(&self, object: usize, rng: &mut ChaCha8Rng) -> Result<ObjectTargets> {
+        if self.config.train.supervision == Supervision::Occupancy {
+            return Ok(ObjectTargets::Points(self.draw_points(object, rng)?));
         }
-        let reason = last.map_or(String::new(), |problem: Error| problem.to_string());
-        Err(Error::BrokenObjects {
-            dataset: self.dataset.root().to_owned(),
-            tries: TRIES,
-            last: reason.trim_end_matches('.').to_owned(),
-        })
-    }
-
-    fn draw_one(&self, row: usize, stream: u64) -> Result<Drawn> {
-        let (dataset, config, object) = (&self.dataset, &self.config, self.objects[row]);
-        let mut rng = step_rng(config.train.seed, stream);
-        let input = match config.encoder.image_size() {
-            None => None,
-            Some(size) => {
-                let input = rng.random_range(0..dataset.inputs(object)?);
-                Some(dataset.read_input(object, input, size as u32)?)
-            }
-        };
-        let ray_gradient = if config.train.supervision == Supervision::Occupancy {
-            DrawnLesson::Points(self.draw_points(object, &mut rng)?)
-        } else {
-            let hull = self.hulls.as_ref().map(|hulls| hulls.of(dataset, object)).transpose()?;
-            DrawnLesson::Views(self.draw_views(object, &mut rng)?, hull)
-        };
-        Ok(Drawn { row, input, ray_gradient })
+        let hull = self.hulls.as_ref().map(|hulls| hulls.of(&self.dataset, object)).transpose()?;
+        Ok(ObjectTargets::Views(self.draw_views(object, rng)?, hull))
     }
 
     fn draw_views(&self, object: usize, rng: &mut ChaCha8Rng) -> Result<Vec<View>> {

@@ -10,7 +10,7 @@ use dvr_render::MeshShader;
 use dvr_render::extract::ExtractSettings;
 use rayon::prelude::*;
 
-use super::predictor::{Predictor, Shape, evaluated_input};
+use super::predictor::{Predictor, evaluated_input};
 use super::results::{ObjectScore, Results, Unmeasured};
 use crate::error::{Error, Result};
 use crate::observer::Observer;
@@ -178,8 +178,8 @@ impl Evaluation<'_> {
         let input = evaluated_input(dataset, object, seed)?;
         let truth = dataset.read_ground_truth(object)?;
         let shape = self.predictor.shape(dataset, object, input, self.extraction)?;
-        let view_metrics = match &shape {
-            Shape::Mesh(mesh) if views > 0 => {
+        let view_metrics = match shape.mesh() {
+            Some(mesh) if views > 0 => {
                 let all = dataset.views(object)?;
                 let chosen = (0..views.min(all)).map(|i| dataset.read_view(object, i * all / views.min(all)));
                 let chosen = chosen.collect::<dvr_core::Result<Vec<_>>>()?;

@@ -8,30 +8,30 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::{JoinHandle, available_parallelism};
 
-use super::draw::{BatchDrawer, ObjectsBatch};
 use crate::error::{Error, Result};
 
 /// The most threads that draw batches: decoding is cheap beside a step.
 const MAX_THREADS: usize = 4;
 
 /// The threads, and the batches that they have drawn.
-pub(crate) struct Loader {
-    channels: Vec<Receiver<Result<ObjectsBatch>>>,
+pub(crate) struct Loader<B> {
+    channels: Vec<Receiver<Result<B>>>,
     threads: Vec<JoinHandle<()>>,
     /// The step whose batch is next.
     next: usize,
     first: usize,
 }
 
-impl Loader {
-    /// Starts to draw the batches from step `first` on, counted from 1.
-    pub fn start(drawer: &Arc<BatchDrawer>, first: usize) -> Self {
+impl<B: Send + 'static> Loader<B> {
+    /// Starts to draw the batches from step `first` on, counted from 1. `draw` makes the batch of a step.
+    pub fn start(draw: impl Fn(usize) -> Result<B> + Send + Sync + 'static, first: usize) -> Self {
+        let draw = Arc::new(draw);
         let count = available_parallelism().map_or(1, |cores| cores.get().div_ceil(2)).min(MAX_THREADS);
         let (mut channels, mut threads) = (Vec::new(), Vec::new());
         for thread in 0..count {
             let (sender, receiver) = sync_channel(1);
-            let drawer = drawer.clone();
-            threads.push(std::thread::spawn(move || draw_on(&drawer, first + thread, count, &sender)));
+            let draw = draw.clone();
+            threads.push(std::thread::spawn(move || draw_on(draw.as_ref(), first + thread, count, &sender)));
             channels.push(receiver);
         }
         Self { channels, threads, next: first, first }
@@ -40,8 +40,8 @@ impl Loader {
     /// The batch of the next step.
     ///
     /// # Errors
-    /// Those of [`BatchDrawer::draw`].
-    pub fn next_batch(&mut self) -> Result<ObjectsBatch> {
+    /// Those of drawing it.
+    pub fn next_batch(&mut self) -> Result<B> {
         let channel = &self.channels[(self.next - self.first) % self.channels.len()];
         self.next += 1;
         channel.recv().unwrap_or(Err(Error::LoaderEnded))
@@ -49,9 +49,9 @@ impl Loader {
 }
 
 /// Draws every `count`-th batch until nobody listens any more.
-fn draw_on(drawer: &BatchDrawer, first: usize, count: usize, sender: &SyncSender<Result<ObjectsBatch>>) {
+fn draw_on<B>(draw: &dyn Fn(usize) -> Result<B>, first: usize, count: usize, sender: &SyncSender<Result<B>>) {
     for step in (first..).step_by(count) {
-        let batch = drawer.draw(step);
+        let batch = draw(step);
         let failed = batch.is_err();
         if sender.send(batch).is_err() || failed {
             return;
@@ -59,7 +59,7 @@ fn draw_on(drawer: &BatchDrawer, first: usize, count: usize, sender: &SyncSender
     }
 }
 
-impl Drop for Loader {
+impl<B> Drop for Loader<B> {
     fn drop(&mut self) {
         // A thread that waits to hand over a batch learns by this that nobody takes it.
         self.channels.clear();

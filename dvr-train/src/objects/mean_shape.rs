@@ -5,10 +5,10 @@ use std::collections::BTreeMap;
 use dvr_core::dataset::ObjectDataset;
 use dvr_core::mesh::Mesh;
 use dvr_core::record::Digest;
-use dvr_core::{OccupancySamples, Split, UnitCube};
-use dvr_render::extract::{ExtractSettings, extract_mesh};
-use glam::{IVec3, Vec3};
+use dvr_core::{OccupancySamples, Split};
+use dvr_render::extract::ExtractSettings;
 
+use super::voxel_values::{VoxelValues, voxel_of};
 use crate::error::{Error, Result};
 
 /// The most voxels along an edge: 100 000 points of an object give three a voxel.
@@ -23,15 +23,8 @@ const POINTS_A_VOXEL: f64 = 3.0;
 /// mean exceeds the threshold that gives it the mean volume of the objects: at one half, thin and varied categories
 /// would have no shape at all.
 pub struct MeanShapes {
-    categories: BTreeMap<String, MeanShape>,
-}
-
-/// One category.
-struct MeanShape {
-    /// Voxels along an edge.
-    voxels: usize,
-    /// The mean minus the threshold, `voxels^3`, x fastest.
-    level: Vec<f32>,
+    /// The mean minus the threshold.
+    categories: BTreeMap<String, VoxelValues>,
 }
 
 /// Counts of one category's samples.
@@ -75,8 +68,8 @@ impl MeanShapes {
 
     /// The digest of all of them.
     pub fn digest(&self) -> Digest {
-        let category = |(name, mean): (&String, &MeanShape)| {
-            let level: Vec<u8> = mean.level.iter().flat_map(|level| level.to_le_bytes()).collect();
+        let category = |(name, mean): (&String, &VoxelValues)| {
+            let level: Vec<u8> = mean.values.iter().flat_map(|level| level.to_le_bytes()).collect();
             [Digest::of_bytes(name.as_bytes()), Digest::of_bytes(&level)]
         };
         Digest::of_all(&self.categories.iter().flat_map(category).collect::<Vec<_>>())
@@ -89,10 +82,7 @@ impl MeanShapes {
     pub fn of(&self, category: &str, extraction: &ExtractSettings) -> Result<Mesh> {
         let mean =
             self.categories.get(category).ok_or_else(|| Error::UnknownCategory { category: category.to_owned() })?;
-        let logits = |points: &[Vec3]| points.iter().map(|&point| mean.at(point)).collect();
-        // The level set of a coarse grid needs no refinement of its own.
-        let extraction = ExtractSettings { upsampling_steps: 0, ..extraction.clone() };
-        Ok(extract_mesh(&logits, &extraction, &[]).map(|extracted| extracted.mesh).unwrap_or_default())
+        Ok(mean.surface(extraction))
     }
 }
 
@@ -106,16 +96,14 @@ impl LossSums {
 
     fn add(&mut self, samples: &OccupancySamples) {
         for (point, &inside) in samples.points.iter().zip(&samples.inside) {
-            let voxel = in_voxels(*point, self.voxels).floor().as_ivec3();
-            if voxel.cmpge(IVec3::ZERO).all() && voxel.cmplt(IVec3::splat(self.voxels as i32)).all() {
-                let voxel = index(voxel, self.voxels);
+            if let Some(voxel) = voxel_of(*point, self.voxels) {
                 self.all[voxel] += 1;
                 self.inside[voxel] += u32::from(inside);
             }
         }
     }
 
-    fn mean(&self) -> MeanShape {
+    fn mean(&self) -> VoxelValues {
         let share = |(&inside, &all): (&u32, &u32)| if all == 0 { 0.0 } else { inside as f32 / all as f32 };
         let means: Vec<f32> = self.inside.iter().zip(&self.all).map(share).collect();
         let volume = means.iter().sum::<f32>().round() as usize;
@@ -124,45 +112,20 @@ impl LossSums {
         // Between the last voxel that belongs to the shape and the first that does not.
         let at = volume.clamp(1, sorted.len() - 1);
         let threshold = 0.5 * (sorted[at - 1] + sorted[at]);
-        MeanShape { voxels: self.voxels, level: means.into_iter().map(|mean| mean - threshold).collect() }
+        VoxelValues { voxels: self.voxels, values: means.into_iter().map(|mean| mean - threshold).collect() }
     }
-}
-
-impl MeanShape {
-    /// Trilinear between the centres of voxels; beyond the outermost of them, their values.
-    fn at(&self, point: Vec3) -> f32 {
-        let place = (in_voxels(point, self.voxels) - 0.5).clamp(Vec3::ZERO, Vec3::splat((self.voxels - 1) as f32));
-        let (low, share) = (place.floor(), place - place.floor());
-        (0..8)
-            .map(|corner| {
-                let step = IVec3::new(corner & 1, corner >> 1 & 1, corner >> 2 & 1);
-                let weight = Vec3::select(step.cmpeq(IVec3::ONE), share, 1.0 - share);
-                let voxel = (low.as_ivec3() + step).min(IVec3::splat(self.voxels as i32 - 1));
-                weight.element_product() * self.level[index(voxel, self.voxels)]
-            })
-            .sum()
-    }
-}
-
-/// A position in units of voxels from the cube's lowest corner.
-fn in_voxels(point: Vec3, voxels: usize) -> Vec3 {
-    let half = UnitCube::default().half_extent() as f32;
-    (point + half) * (voxels as f32 / (2.0 * half))
-}
-
-fn index(voxel: IVec3, voxels: usize) -> usize {
-    let [x, y, z] = voxel.to_array().map(|i| i as usize);
-    x + voxels * (y + voxels * z)
 }
 
 #[cfg(test)]
 mod tests {
+    use dvr_core::UnitCube;
     use dvr_core::sampling::sample_cube;
+    use glam::Vec3;
 
     use super::*;
 
     /// The mean of balls.
-    fn balls(radii: impl Iterator<Item = f32>) -> MeanShape {
+    fn balls(radii: impl Iterator<Item = f32>) -> VoxelValues {
         let points = sample_cube(UnitCube::default(), 20_000, 1);
         let samples = |radius: f32| OccupancySamples {
             inside: points.iter().map(|point| point.length() < radius).collect(),
@@ -185,6 +148,6 @@ mod tests {
 
     #[test]
     fn a_category_without_volume_has_no_inside() {
-        assert!(balls([0.0].into_iter()).level.iter().all(|&level| level <= 0.0));
+        assert!(balls([0.0].into_iter()).values.iter().all(|&level| level <= 0.0));
     }
 }

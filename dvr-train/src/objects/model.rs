@@ -1,4 +1,4 @@
-//! A trained model of many objects: from a picture to a field.
+//! A trained model of many objects' fields: from a picture to a field.
 
 use burn::module::Module;
 use burn::tensor::{Device, Int, Tensor, TensorData};
@@ -9,9 +9,8 @@ use dvr_render::{MarchSettings, RenderSettings, SkipGrid};
 use image::RgbImage;
 
 use super::config::ObjectsConfig;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::learners::module_state::{check_holds, restore_module};
-use crate::run::checkpoint::Checkpoint;
 
 /// Cells along an edge of the grid that lets rendering skip empty space.
 const SKIP_CELLS: usize = 32;
@@ -19,21 +18,12 @@ const SKIP_CELLS: usize = 32;
 /// A model without gradient tracking, with the configuration that it was trained by. Its surface lies where the
 /// occupancy is [`ObjectsConfig::threshold`]; the last bias is shifted so that it is where the logit is 0, as everywhere.
 #[derive(Clone, Debug)]
-pub struct ObjectModel {
+pub struct FieldsModel {
     config: ObjectsConfig,
     model: ImageModel,
 }
 
-impl ObjectModel {
-    /// The model that a checkpoint holds.
-    ///
-    /// # Errors
-    /// When it is that of a single scene, or its parameters are damaged.
-    pub fn load(checkpoint: &Checkpoint, device: &Device) -> Result<Self> {
-        let config = ObjectsConfig::of_record(&checkpoint.header.method)?.ok_or(Error::OneScene)?;
-        Self::from_bytes(config, &checkpoint.state.model, device)
-    }
-
+impl FieldsModel {
     /// The model of a configuration, as its learner stores it.
     ///
     /// # Errors
@@ -53,19 +43,6 @@ impl ObjectModel {
     /// Encoder and decoder.
     pub fn model(&self) -> &ImageModel {
         &self.model
-    }
-
-    /// Side of the pictures that the encoder takes, in pixels; `None` where it knows objects by their number alone.
-    pub fn image_size(&self) -> Option<usize> {
-        self.config.encoder.image_size()
-    }
-
-    /// The same for callers that have pictures.
-    ///
-    /// # Errors
-    /// When the model takes none.
-    pub fn picture_size(&self) -> Result<usize> {
-        self.image_size().ok_or(Error::TakesNoPictures)
     }
 
     /// The field of the object in a picture as [`dvr_core::dataset::input_picture`] makes them.

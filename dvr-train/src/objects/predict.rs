@@ -7,16 +7,16 @@ use glam::DVec3;
 use image::RgbImage;
 use image::imageops::{FilterType, resize};
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::export::mesh::{MeshOptions, object_mesh};
 use crate::export::preview::{normal_picture, orbit_camera, sheet, to_rgb8};
-use crate::objects::ObjectModel;
+use crate::objects::object_model::ObjectModel;
+use crate::objects::shape::Shape;
 
 /// What a model makes of a picture.
-#[derive(Clone, Debug)]
 pub struct Prediction {
-    /// The surface, in object space, with vertex colours.
-    pub mesh: Mesh,
+    /// What was seen, in object space; of fields with vertex colours.
+    pub shape: Shape,
     /// What the encoder saw, then the mesh from two sides in colour and from one as normals.
     pub preview: RgbImage,
     /// What the user should know.
@@ -35,10 +35,19 @@ const SIDES: [(f64, f64); 2] = [(30.0, 20.0), (210.0, 20.0)];
 /// When the model takes no pictures, or sees no surface in this one.
 pub fn predict(model: &ObjectModel, picture: &RgbImage, options: &MeshOptions) -> Result<Prediction> {
     model.picture_size()?;
-    let field = model.field_of_picture(picture);
-    let extracted = object_mesh(&FieldSurface::new(field), options, &[], &[])?;
-    let preview = preview_of(picture, &extracted.mesh);
-    Ok(Prediction { mesh: extracted.mesh, preview, warnings: extracted.warnings })
+    let (shape, warnings) = match model {
+        ObjectModel::Fields(model) => {
+            let field = model.field_of_picture(picture);
+            let extracted = object_mesh(&FieldSurface::new(field), options, &[], &[])?;
+            (Shape::Mesh(extracted.mesh), extracted.warnings)
+        }
+        ObjectModel::System(model) => (model.shape(Some(picture), 0, &options.extraction), Vec::new()),
+    };
+    if shape.drawn().is_empty() {
+        return Err(Error::NothingSeen);
+    }
+    let preview = preview_of(picture, &shape.drawn());
+    Ok(Prediction { shape, preview, warnings })
 }
 
 fn preview_of(picture: &RgbImage, mesh: &Mesh) -> RgbImage {

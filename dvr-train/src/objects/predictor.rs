@@ -1,22 +1,15 @@
 //! What is evaluated on a dataset: anything that makes a shape of a picture.
 
+use dvr_core::Split;
 use dvr_core::dataset::ObjectDataset;
-use dvr_core::inside::points_inside;
-use dvr_core::mesh::Mesh;
-use dvr_core::metrics::shape::SURFACE_SAMPLES;
-use dvr_core::sampling::sample_surface;
-use dvr_core::{GroundTruth, OccupancySamples, PointCloud, Split};
-use dvr_render::extract::{ExtractSettings, FieldSurface};
-use glam::Vec3;
-use kiddo::{ImmutableKdTree, SquaredEuclidean};
+use dvr_render::extract::ExtractSettings;
 
 use super::draw::stable_hash;
 use super::mean_shape::MeanShapes;
-use super::model::ObjectModel;
 use super::nearest_picture::NearestPicture;
+use super::object_model::ObjectModel;
+use super::shape::Shape;
 use crate::error::{Error, Result};
-use crate::evaluate::{ShapeEvaluation, evaluate_points};
-use crate::export::mesh::{ColorSource, MeshOptions, object_mesh};
 
 /// What makes shapes.
 pub enum Predictor {
@@ -26,14 +19,6 @@ pub enum Predictor {
     MeanShape(MeanShapes),
     /// The training object with the most similar picture: what can be had by remembering.
     NearestPicture(NearestPicture),
-}
-
-/// A shape in object space.
-pub enum Shape {
-    /// A surface; empty where the predictor sees none.
-    Mesh(Mesh),
-    /// Another object, as its dataset describes it.
-    Samples(GroundTruth),
 }
 
 impl Predictor {
@@ -49,22 +34,10 @@ impl Predictor {
         extraction: &ExtractSettings,
     ) -> Result<Shape> {
         match self {
-            Self::Model(model) => {
-                let field = match model.image_size() {
-                    Some(size) => model.field_of_picture(&dataset.read_input(object, input, size as u32)?),
-                    None => model.field_of_row(training_row(dataset, object)?),
-                };
-                let options = MeshOptions {
-                    extraction: extraction.clone(),
-                    colors: ColorSource::Field,
-                    ..MeshOptions::default()
-                };
-                match object_mesh(&FieldSurface::new(&field), &options, &[], &[]) {
-                    Ok(extracted) => Ok(Shape::Mesh(extracted.mesh)),
-                    Err(Error::NoMesh(_)) => Ok(Shape::Mesh(Mesh::default())),
-                    Err(other) => Err(other),
-                }
-            }
+            Self::Model(model) => match model.image_size() {
+                Some(size) => model.shape_of_picture(&dataset.read_input(object, input, size as u32)?, extraction),
+                None => model.shape_of_row(training_row(dataset, object)?, extraction),
+            },
             Self::MeanShape(means) => Ok(Shape::Mesh(means.of(&dataset.objects()[object].category, extraction)?)),
             Self::NearestPicture(nearest) => {
                 let nearest = nearest.find(dataset, object, input)?;
@@ -103,39 +76,4 @@ pub fn evaluated_input(dataset: &ObjectDataset, object: usize, seed: u64) -> Res
 fn training_row(dataset: &ObjectDataset, object: usize) -> Result<usize> {
     let row = dataset.of_split(Split::Train).iter().position(|&other| other == object);
     row.ok_or(Error::NotATrainingObject)
-}
-
-impl Shape {
-    /// Scores the shape against the truth.
-    ///
-    /// # Errors
-    /// When the truth, or the shape, has points that are not finite.
-    pub fn evaluate(&self, truth: &GroundTruth, seed: u64) -> Result<ShapeEvaluation> {
-        match self {
-            Self::Mesh(mesh) => {
-                let sampled = || PointCloud::from(sample_surface(mesh, SURFACE_SAMPLES, seed));
-                evaluate_points(sampled, |points| points_inside(mesh, points), truth, seed)
-            }
-            Self::Samples(samples) => {
-                let surface = || samples.surface.clone().unwrap_or_default();
-                let inside = |points: &[Vec3]| inside_nearest(samples.occupancy.as_ref(), points);
-                evaluate_points(surface, inside, truth, seed)
-            }
-        }
-    }
-}
-
-/// Whether the nearest sample to each point is inside; false without samples.
-fn inside_nearest(samples: Option<&OccupancySamples>, points: &[Vec3]) -> Vec<bool> {
-    let nothing = || vec![false; points.len()];
-    let Some(samples) = samples else { return nothing() };
-    let positions: Vec<[f64; 3]> = samples.points.iter().map(|point| point.as_dvec3().to_array()).collect();
-    let Ok(tree) = ImmutableKdTree::<f64, 3>::new_from_slice(&positions) else { return nothing() };
-    points
-        .iter()
-        .map(|point| {
-            let query = point.as_dvec3().to_array();
-            samples.inside[tree.query(&query).nearest_one::<SquaredEuclidean<f64>>().execute().item as usize]
-        })
-        .collect()
 }

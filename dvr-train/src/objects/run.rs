@@ -4,21 +4,27 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Instant;
 
-use burn::module::Module;
 use dvr_core::dataset::ObjectDataset;
 use dvr_core::{Similarity, Split};
 use dvr_model::EncoderConfig;
-use dvr_render::FieldShader;
+use dvr_render::extract::ExtractSettings;
+use dvr_render::{FieldShader, MeshShader};
 use image::RgbImage;
 use image::imageops::{FilterType, resize};
 use serde::{Deserialize, Serialize};
 
 use super::config::ObjectsConfig;
-use super::model::{ObjectModel, render_settings, skip_grid};
+use super::model::{FieldsModel, render_settings, skip_grid};
+use super::object_model::ObjectModel;
+use super::systems::config::SystemConfig;
+use super::systems::model::SystemModel;
+use super::systems::trainer::SystemTrainer;
 use super::trainer::ObjectsTrainer;
 use crate::error::{Error, Result};
 use crate::export::preview::{preview_row, sheet};
-use crate::methods::method::Method;
+use crate::methods::method::{Method, ObjectsTraining};
+use crate::methods::method_of;
+use crate::methods::record::{CommonSettings, MethodRecord};
 use crate::observer::Observer;
 use crate::run::best::Best;
 use crate::run::checkpoint::{CHECKPOINT_VERSION, Checkpoint, CheckpointHeader};
@@ -67,6 +73,9 @@ pub struct TrainedObjects {
 /// Rows of the preview sheet, and the most pixels a picture is wide.
 const PREVIEW: (usize, u32) = (6, 128);
 
+/// Cells along an edge at which voxels are shown as a surface.
+const PREVIEW_CELLS: usize = 64;
+
 /// Samples across the cube where a field is shown.
 const SAMPLES: usize = 128;
 
@@ -86,28 +95,24 @@ pub fn train_objects(
     observer: &mut dyn Observer,
 ) -> Result<TrainedObjects> {
     method.check()?;
-    let mut config = method.objects().cloned().ok_or_else(|| Error::NeedsScene { method: method.name().to_owned() })?;
+    let training = method.objects().ok_or_else(|| Error::NeedsScene { method: method.name().to_owned() })?;
     let mut record = method.record()?;
     let start = Instant::now();
-    if let EncoderConfig::Codes { objects } = &mut config.encoder {
+    let mut encoder = training.encoder().clone();
+    if let EncoderConfig::Codes { objects } = &mut encoder {
         *objects = dataset.of_split(Split::Train).len();
         let now = *objects;
         if let Some(checkpoint) = resume_from
-            && let Some(ObjectsConfig { encoder: EncoderConfig::Codes { objects: before }, .. }) =
-                ObjectsConfig::of_record(&checkpoint.header.method)?
+            && let Some(before) = codes_of(&checkpoint.header.method)?
             && before != now
         {
             return Err(Error::OtherObjects { before, now });
         }
-        record.config = config.to_value()?;
+        record.config["encoder"] =
+            serde_json::to_value(&encoder).map_err(|e| Error::BadConfig { problem: e.to_string() })?;
     }
     observer.phase("reading validation objects", 1);
-    let mut learner = ObjectsTrainer::new(dataset.clone(), config.clone(), options.device.clone())?
-        .data_parallel(options.data_parallel.clone());
-    if let (Some(path), None) = (&config.pretrained, resume_from) {
-        learner.start_from(path)?;
-    }
-    observer.progress(1, "");
+    let (device, others) = (options.device.clone(), options.data_parallel.clone());
     let header = CheckpointHeader {
         version: CHECKPOINT_VERSION,
         method: record,
@@ -126,12 +131,41 @@ pub fn train_objects(
         support: None,
         notes: Vec::new(),
     };
-    let outcome = TrainingLoop::new(method, header, options, start).run(&mut learner, resume_from, observer)?;
-    Ok(TrainedObjects {
-        model: ObjectModel::from_bytes(config, &outcome.model, &options.device)?,
-        outcome,
-        objects: learner.objects(),
-        broken: learner.broken(),
+    let training_loop = TrainingLoop::new(method, header, options, start);
+    match training {
+        ObjectsTraining::Fields(config) => {
+            let config = ObjectsConfig { encoder, ..config.clone() };
+            let mut learner = ObjectsTrainer::new(dataset.clone(), config.clone(), device)?.data_parallel(others);
+            if let (Some(path), None) = (&config.pretrained, resume_from) {
+                learner.start_from(path)?;
+            }
+            observer.progress(1, "");
+            let outcome = training_loop.run(&mut learner, resume_from, observer)?;
+            let model = FieldsModel::from_bytes(config, &outcome.model, &options.device)?;
+            let (objects, broken) = (learner.objects(), learner.broken());
+            Ok(TrainedObjects { model: ObjectModel::Fields(model), outcome, objects, broken })
+        }
+        ObjectsTraining::System(config) => {
+            let config = SystemConfig { encoder, ..config.clone() };
+            let mut learner = SystemTrainer::new(dataset.clone(), config.clone(), device)?.data_parallel(others);
+            if let (Some(path), None) = (&config.pretrained, resume_from) {
+                learner.start_from(path)?;
+            }
+            observer.progress(1, "");
+            let outcome = training_loop.run(&mut learner, resume_from, observer)?;
+            let model = SystemModel::from_bytes(config, &outcome.model, &options.device)?;
+            let (objects, broken) = (learner.objects(), learner.broken());
+            Ok(TrainedObjects { model: ObjectModel::System(model), outcome, objects, broken })
+        }
+    }
+}
+
+/// How many codes a model of many objects has, where it has some.
+fn codes_of(record: &MethodRecord) -> Result<Option<usize>> {
+    let method = method_of(record)?;
+    Ok(match method.objects().map(ObjectsTraining::encoder) {
+        Some(EncoderConfig::Codes { objects }) => Some(*objects),
+        _ => None,
     })
 }
 
@@ -147,8 +181,8 @@ pub fn finish_objects(
     observer: &mut dyn Observer,
 ) -> Result<ObjectsMetrics> {
     let TrainedObjects { model, outcome, .. } = result;
-    let config = model.config();
-    let shown = if config.encoder.image_size().is_some() { Split::Val } else { Split::Train };
+    let CommonSettings { supervision, seed, .. } = outcome.header.common;
+    let shown = if model.image_size().is_some() { Split::Val } else { Split::Train };
     let objects = dataset.of_split(shown);
     let count = PREVIEW.0.min(objects.len());
     observer.phase("preview and figures", count.max(1));
@@ -164,12 +198,12 @@ pub fn finish_objects(
     }
     let metrics = ObjectsMetrics {
         dataset: dataset.root().to_owned(),
-        supervision: config.train.supervision.to_string(),
-        seed: config.train.seed,
+        supervision: supervision.to_string(),
+        seed,
         objects: result.objects,
         steps: outcome.steps,
         model_step: outcome.header.step,
-        parameters: model.model().num_params(),
+        parameters: model.parameters(),
         training_seconds: outcome.seconds,
         validation: outcome.header.best,
         broken: result.broken.clone(),
@@ -182,17 +216,27 @@ pub fn finish_objects(
 /// One row of the preview: what the encoder sees, and a view half a turn of the views further.
 fn row_of(model: &ObjectModel, dataset: &ObjectDataset, object: usize, row: usize) -> Result<Vec<RgbImage>> {
     let view = dataset.read_view(object, dataset.views(object)? / 2)?;
+    let picture = model.image_size().map(|size| dataset.read_input(object, 0, size as u32)).transpose()?;
     let mut pictures = Vec::new();
-    let field = match model.image_size() {
-        Some(size) => {
-            let picture = dataset.read_input(object, 0, size as u32)?;
-            let width = view.image.width().min(PREVIEW.1);
-            pictures.push(resize(&picture, width, width, FilterType::Triangle));
-            model.field_of_picture(&picture)
+    if let Some(picture) = &picture {
+        let width = view.image.width().min(PREVIEW.1);
+        pictures.push(resize(picture, width, width, FilterType::Triangle));
+    }
+    match model {
+        ObjectModel::Fields(model) => {
+            let field = match &picture {
+                Some(picture) => model.field_of_picture(picture),
+                None => model.field_of_row(row),
+            };
+            let skip = skip_grid(&field);
+            let shader = FieldShader::new(&field, render_settings(SAMPLES), Some(&skip));
+            pictures.extend(preview_row(&shader, &view, PREVIEW.1));
         }
-        None => model.field_of_row(row),
-    };
-    let skip = skip_grid(&field);
-    pictures.extend(preview_row(&FieldShader::new(&field, render_settings(SAMPLES), Some(&skip)), &view, PREVIEW.1));
+        ObjectModel::System(model) => {
+            let extraction = ExtractSettings { resolution: PREVIEW_CELLS, ..ExtractSettings::default() };
+            let shape = model.shape(picture.as_ref(), row as i64, &extraction);
+            pictures.extend(preview_row(&MeshShader::new(&shape.drawn()), &view, PREVIEW.1));
+        }
+    }
     Ok(pictures)
 }

@@ -16,11 +16,12 @@ use dvr_test_support::max_difference;
 use glam::Vec3;
 
 use super::config::ObjectsConfig;
-use super::draw::{BatchDrawer, RayGradient};
+use super::draw::{BatchDrawer, Targets};
 use super::loader::Loader;
 use super::mean_shape::MeanShapes;
 use super::nearest_picture::NearestPicture;
-use super::predictor::{Predictor, Shape, evaluated_input};
+use super::predictor::{Predictor, evaluated_input};
+use super::shape::Shape;
 use super::trainer::ObjectsTrainer;
 use crate::config::MarchStage;
 use crate::learners::learner::Learner;
@@ -77,13 +78,17 @@ fn small(supervision: Supervision) -> ObjectsConfig {
 fn batches_come_in_the_order_of_steps_and_every_epoch_has_every_object_once() {
     let (_folder, dataset) = dataset();
     let drawer = Arc::new(BatchDrawer::new(dataset, small(Supervision::Rgb)).unwrap());
-    let mut loader = Loader::start(&drawer, 1);
+    let draw = || {
+        let drawer = drawer.clone();
+        move |step| drawer.draw(step)
+    };
+    let mut loader = Loader::start(draw(), 1);
     let mut rows = Vec::new();
     for step in 1..=6 {
         let (ahead, alone) = (loader.next_batch().unwrap(), drawer.draw(step).unwrap());
         assert_eq!((&ahead.rows, &ahead.inputs), (&alone.rows, &alone.inputs), "step {step}");
-        let RayGradient::Pixels { pixels, owner, .. } = ahead.ray_gradient else { panic!("pixels") };
-        let RayGradient::Pixels { pixels: again, .. } = alone.ray_gradient else { panic!("pixels") };
+        let Targets::Pixels { pixels, owner, .. } = ahead.targets else { panic!("pixels") };
+        let Targets::Pixels { pixels: again, .. } = alone.targets else { panic!("pixels") };
         assert_eq!((&pixels.color, &pixels.rays), (&again.color, &again.rays));
         assert_eq!(owner.chunks(16).map(|chunk| chunk[0]).collect::<Vec<_>>(), [0, 1, 2, 3]);
         rows.extend(ahead.rows);
@@ -94,7 +99,7 @@ fn batches_come_in_the_order_of_steps_and_every_epoch_has_every_object_once() {
         assert_eq!(epoch, [0, 1, 2, 3, 4, 5]);
     }
     assert_ne!(rows[..6], rows[6..12], "each in an order of its own");
-    let mut later = Loader::start(&drawer, 4);
+    let mut later = Loader::start(draw(), 4);
     assert_eq!(later.next_batch().unwrap().rows, drawer.draw(4).unwrap().rows, "a resumed run goes on there");
 }
 
@@ -106,7 +111,7 @@ fn with_one_view_an_object_always_learns_from_the_same_view() {
     let mut origin = std::collections::BTreeMap::new();
     for step in 1..=12 {
         let batch = drawer.draw(step).unwrap();
-        let RayGradient::Pixels { pixels, owner, .. } = batch.ray_gradient else { panic!("pixels") };
+        let Targets::Pixels { pixels, owner, .. } = batch.targets else { panic!("pixels") };
         for (ray, &place) in pixels.rays.iter().zip(&owner) {
             let row = batch.rows[place as usize];
             assert_eq!(*origin.entry(row).or_insert(ray.origin), ray.origin, "object {row}, step {step}");
@@ -161,7 +166,7 @@ fn points_are_drawn_in_the_padded_box_of_the_object_as_often_as_asked_for() {
         let mut config = ObjectsConfig { box_share: share, ..small(Supervision::Occupancy) };
         (config.objects, config.points) = (1, 2000);
         let batch = BatchDrawer::new(dataset.clone(), config).unwrap().draw(1).unwrap();
-        let RayGradient::Points { points, inside, .. } = batch.ray_gradient else { panic!("points") };
+        let Targets::Points { points, inside, .. } = batch.targets else { panic!("points") };
         // The plate is .9 long, and .036 thick.
         let near = points.iter().filter(|point| point.abs().cmple(Vec3::new(0.496, 0.406, 0.064)).all()).count();
         let found = near as f64 / points.len() as f64;
@@ -181,7 +186,7 @@ fn the_surface_lies_at_the_threshold_in_validation_and_in_what_a_checkpoint_give
     let logits = |threshold: f64| {
         let config = ObjectsConfig { threshold, ..config.clone() };
         let model =
-            super::model::ObjectModel::from_bytes(config, &Learner::model(&trainer).unwrap(), &Device::flex()).unwrap();
+            super::model::FieldsModel::from_bytes(config, &Learner::model(&trainer).unwrap(), &Device::flex()).unwrap();
         let picture = dataset.read_input(0, 0, 63).unwrap();
         let points = burn::tensor::Tensor::from_floats([[0.0f32, 0.0, 0.0], [0.3, 0.2, 0.1]], &Device::flex());
         let field = model.field_of_picture(&picture);
@@ -192,12 +197,19 @@ fn the_surface_lies_at_the_threshold_in_validation_and_in_what_a_checkpoint_give
     assert!(max_difference(&fifth, &shifted) < 1e-5, "{half:?} {fifth:?}");
 }
 
+/// The model that a checkpoint holds.
+fn fields(checkpoint: crate::run::checkpoint::Checkpoint) -> super::model::FieldsModel {
+    match super::object_model::ObjectModel::load(&checkpoint, &Device::flex()).unwrap() {
+        super::object_model::ObjectModel::Fields(model) => model,
+        super::object_model::ObjectModel::System(_) => panic!("not a system"),
+    }
+}
+
 /// What a model says of some points of an object: codes, and with them running statistics, show in it.
 fn answers(trainer: &ObjectsTrainer, dataset: &ObjectDataset) -> Vec<f32> {
     let state = trainer.state().unwrap();
-    let checkpoint = crate::run::checkpoint::Checkpoint { header: header(trainer), state };
-    let model = super::model::ObjectModel::load(&checkpoint, &Device::flex()).unwrap();
-    let field = match model.image_size() {
+    let model = fields(crate::run::checkpoint::Checkpoint { header: header(trainer), state });
+    let field = match model.config().encoder.image_size() {
         Some(size) => model.field_of_picture(&dataset.read_input(2, 1, size as u32).unwrap()),
         None => model.field_of_row(2),
     };
@@ -304,11 +316,8 @@ fn occupancies_are_learned_and_two_objects_distinguished() {
     let last = (0..300).map(|_| trainer.step().unwrap().loss).last().unwrap();
     assert!(last < 0.5 * first, "{first} to {last}");
     // The middle of a ball is inside; that of a ring is not, or less surely so.
-    let model = super::model::ObjectModel::load(
-        &crate::run::checkpoint::Checkpoint { header: header(&trainer), state: trainer.state().unwrap() },
-        &Device::flex(),
-    )
-    .unwrap();
+    let state = trainer.state().unwrap();
+    let model = fields(crate::run::checkpoint::Checkpoint { header: header(&trainer), state });
     let middle = |row| {
         let points = burn::tensor::Tensor::zeros([1, 3], &Device::flex());
         model.field_of_row(row).occupancy_logit(&Query::new(points)).into_scalar::<f32>()

@@ -13,7 +13,7 @@ use dvr_render::{Field, Query};
 use glam::Vec3;
 
 use super::config::ObjectsConfig;
-use super::draw::{BatchDrawer, ObjectsBatch, RayGradient};
+use super::draw::{BatchDrawer, ObjectsBatch, Targets};
 use super::loader::Loader;
 use super::model::{image_tensor, rows_tensor, with_surface_at};
 use super::validate::{ValidationView, read_validation_views, validate};
@@ -25,7 +25,7 @@ use crate::learners::learner::{Learner, LearnerState};
 use crate::learners::losses;
 use crate::learners::module_state::{module_bytes, module_state, restore_module, restore_optimizer};
 use crate::learners::objective::{StepLoss, step_loss};
-use crate::learners::step_report::StepReport;
+use crate::learners::step_report::{StepReport, StepSettings};
 use dvr_render::ViewMetrics;
 
 /// A model of many objects in training.
@@ -35,7 +35,7 @@ pub struct ObjectsTrainer {
     devices: DataParallel,
     drawer: Arc<BatchDrawer>,
     /// Started by the first step, so that a resumed run draws no batch in vain.
-    loader: Option<Loader>,
+    loader: Option<Loader<ObjectsBatch>>,
     validation_views: Vec<ValidationView>,
     broken_validation: BTreeMap<usize, String>,
     /// The broken objects that have been reported.
@@ -56,7 +56,8 @@ impl ObjectsTrainer {
         let model = config.image_model().init(&device.clone().autodiff());
         let drawer = Arc::new(BatchDrawer::new(dataset.clone(), config.clone())?);
         let mut broken_validation = BTreeMap::new();
-        let validation_views = read_validation_views(&dataset, &config, |object, problem| {
+        let (count, size, seed) = (config.validate_objects, config.encoder.image_size(), config.train.seed);
+        let validation_views = read_validation_views(&dataset, count, size, seed, |object, problem| {
             broken_validation.insert(object, problem);
         });
         Ok(Self {
@@ -101,7 +102,7 @@ impl ObjectsTrainer {
 
     /// How many objects are trained on.
     pub fn objects(&self) -> usize {
-        self.drawer.objects()
+        self.drawer.objects().objects()
     }
 
     /// `category/name` of the objects that could not be used so far, with the reason.
@@ -110,7 +111,7 @@ impl ObjectsTrainer {
     }
 
     fn all_broken(&self) -> BTreeMap<usize, String> {
-        let mut broken = self.drawer.broken();
+        let mut broken = self.drawer.objects().broken();
         broken.extend(self.broken_validation.clone());
         broken
     }
@@ -122,7 +123,7 @@ impl ObjectsTrainer {
 }
 
 /// The loss of some objects after so many steps: a picture of each is encoded, and what their fields show compared with
-/// the ray_gradient.
+/// the targets.
 fn objects_loss(
     model: &ImageModel,
     batch: ObjectsBatch,
@@ -135,19 +136,19 @@ fn objects_loss(
     let codes = model.codes(Tensor::from_inner(images), Tensor::from_inner(rows));
     let frozen = model.decoder.valid().with_codes(codes.clone().inner());
     let field = model.field(codes);
-    match batch.ray_gradient {
-        RayGradient::Pixels { pixels, owner, noise } => {
+    match batch.targets {
+        Targets::Pixels { pixels, owner, noise } => {
             let config = config.objective();
             let batch = PixelBatch::of_pixels(pixels, config.sampling().patch_pixels(), None, device);
             step_loss(&field, &frozen, &batch.with_objects(owner), &noise, &config, steps_done)
         }
-        RayGradient::Points { points, inside, owner } => {
+        Targets::Points { points, inside, owner } => {
             occupancy_loss(&field, &points, &inside, &owner, &device.clone().autodiff())
         }
     }
 }
 
-/// The Occupancy Network objective, a mean over points, in the form of the other ray_gradients; the IoU is that of the
+/// The Occupancy Network objective, a mean over points, in the form of the other targets; the IoU is that of the
 /// points.
 fn occupancy_loss(field: &Conditioned, points: &[Vec3], inside: &[bool], owner: &[i64], device: &Device) -> StepLoss {
     let n = points.len();
@@ -165,23 +166,28 @@ fn occupancy_loss(field: &Conditioned, points: &[Vec3], inside: &[bool], owner: 
 }
 
 impl Learner for ObjectsTrainer {
-    /// One step: draw objects, encode a picture of each, compare what their fields show with the ray_gradient.
+    /// One step: draw objects, encode a picture of each, compare what their fields show with the targets.
     ///
     /// All randomness comes from the seed and the step's number: a resumed run draws what an unbroken one would.
     fn step(&mut self) -> Result<StepReport> {
-        let loader = self.loader.get_or_insert_with(|| Loader::start(&self.drawer, self.step + 1));
+        let drawer = &self.drawer;
+        let start = || {
+            let drawer = drawer.clone();
+            Loader::start(move |step| drawer.draw(step), self.step + 1)
+        };
+        let loader = self.loader.get_or_insert_with(start);
         let mut batch = loader.next_batch()?;
-        let whole = batch.ray_gradient.len();
+        let whole = batch.targets.len();
         let parts = shares(batch.rows.len(), self.devices.len()).map(|objects| {
             let work = batch.take_first(objects.len());
-            Part { weight: work.ray_gradient.len() as f64 / whole as f64, work }
+            Part { weight: work.targets.len() as f64 / whole as f64, work }
         });
         let parts = parts.collect();
         let (config, step) = (&self.config, self.step);
         let learn = |model: &ImageModel, batch, device: &Device| objects_loss(model, batch, config, step, device);
         let (loss, gradients) = self.devices.learn(&self.model, parts, learn);
 
-        let report = StepReport::of(&loss, &self.config.train, self.step, self.last.as_ref())?;
+        let report = StepReport::of(&loss, StepSettings::of(&self.config.train, self.step), self.last.as_ref())?;
         if let Some(gradients) = gradients {
             self.model = self.optimizer.step(report.learning_rate, self.model.clone(), gradients);
         }

@@ -8,7 +8,6 @@ use dvr_model::ImageModel;
 use dvr_render::FieldShader;
 use image::RgbImage;
 
-use super::config::ObjectsConfig;
 use super::draw::stable_hash;
 use super::model::{image_tensor, render_settings, rows_tensor};
 use dvr_render::{ViewMetrics, view_metrics};
@@ -20,25 +19,28 @@ const SAMPLES: usize = 48;
 #[derive(Clone, Debug)]
 pub(crate) struct ValidationView {
     /// Place among the training objects, for encoders that know objects by it.
-    row: i64,
-    input: Option<RgbImage>,
-    view: View,
+    pub row: i64,
+    /// What the encoder sees, where it sees something.
+    pub input: Option<RgbImage>,
+    /// The other side.
+    pub view: View,
 }
 
 /// Reads the validation views: of objects of the validation split, spread evenly over it, or training objects where the encoder
-/// knows no others. An object that cannot be read is left out; `problem` hears why.
+/// knows no others (`size`, of the encoder's pictures, is `None`). An object that cannot be read is left out; `problem` hears why.
 pub(crate) fn read_validation_views(
     dataset: &ObjectDataset,
-    config: &ObjectsConfig,
+    count: usize,
+    size: Option<usize>,
+    seed: u64,
     mut problem: impl FnMut(usize, String),
 ) -> Vec<ValidationView> {
-    let size = config.encoder.image_size();
     let objects = dataset.of_split(if size.is_some() { Split::Val } else { Split::Train });
-    let count = config.validate_objects.min(objects.len());
+    let count = count.min(objects.len());
     let mut all = Vec::with_capacity(count);
     for i in 0..count {
         let row = i * objects.len() / count;
-        match read_validation_view(dataset, objects[row], row, size, config.train.seed) {
+        match read_validation_view(dataset, objects[row], row, size, seed) {
             Ok(view) => all.push(view),
             Err(error) => problem(objects[row], error.to_string()),
         }
@@ -70,15 +72,20 @@ pub(crate) fn validate(
     pixels: usize,
     device: &Device,
 ) -> Option<ViewMetrics> {
-    let of_each: Vec<ViewMetrics> = all
-        .iter()
-        .filter_map(|one| {
-            let images = image_tensor(&one.input.iter().collect::<Vec<_>>(), device);
-            let field = model.field(model.codes(images, rows_tensor(&[one.row], device)));
-            let shader = FieldShader::new(&field, render_settings(SAMPLES), None);
-            view_metrics(&shader, &[&one.view], pixels / all.len())
-        })
-        .collect();
+    mean_metrics(all, |one| {
+        let images = image_tensor(&one.input.iter().collect::<Vec<_>>(), device);
+        let field = model.field(model.codes(images, rows_tensor(&[one.row], device)));
+        let shader = FieldShader::new(&field, render_settings(SAMPLES), None);
+        view_metrics(&shader, &[&one.view], pixels / all.len())
+    })
+}
+
+/// The mean of what is found of each validation view.
+pub(crate) fn mean_metrics(
+    all: &[ValidationView],
+    of_one: impl Fn(&ValidationView) -> Option<ViewMetrics>,
+) -> Option<ViewMetrics> {
+    let of_each: Vec<ViewMetrics> = all.iter().filter_map(of_one).collect();
     let mean = |part: fn(&ViewMetrics) -> f64| of_each.iter().map(part).sum::<f64>() / of_each.len() as f64;
     (!of_each.is_empty()).then(|| ViewMetrics {
         psnr: mean(|a| a.psnr),

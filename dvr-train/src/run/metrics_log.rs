@@ -89,7 +89,7 @@ impl MetricsLog {
                 report.step.to_string(),
                 format!("{seconds:.3}"),
                 format!("{:.6}", report.loss),
-                format!("{:.4}", report.mask_iou),
+                known(report.mask_iou),
                 format!("{:e}", report.learning_rate),
                 report.samples.to_string(),
             ],
@@ -118,6 +118,11 @@ impl MetricsLog {
         }
         Ok(dvr_core::files::write_bytes_atomically(path, text.as_bytes())?)
     }
+}
+
+/// A figure, or nothing where there is none.
+fn known(figure: f64) -> String {
+    if figure.is_nan() { String::new() } else { format!("{figure:.4}") }
 }
 
 #[cfg(test)]

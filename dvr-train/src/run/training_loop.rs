@@ -181,7 +181,8 @@ impl<'r> TrainingLoop<'r> {
     fn message(&self, report: &StepReport) -> String {
         let found = self.validation.as_ref();
         let found = found.map_or(String::new(), |v| format!("  validation {:.2} dB, IoU {:.3}", v.psnr, v.mask_iou));
-        format!("loss {:.4}  IoU {:.3}{found}", report.loss, report.mask_iou)
+        let iou = if report.mask_iou.is_nan() { String::new() } else { format!("  IoU {:.3}", report.mask_iou) };
+        format!("loss {:.4}{iou}{found}", report.loss)
     }
 
     /// Ends a run that holds more of a GPU's memory than it may.

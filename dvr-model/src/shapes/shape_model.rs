@@ -1,0 +1,67 @@
+//! A model of many objects that makes whole shapes: an encoder and a shape decoder.
+
+use burn::module::Module;
+use burn::tensor::{Device, Int, Tensor};
+use dvr_core::number_range::{NumberRange, OutOfRange, check_config, nested, whole};
+use serde::{Deserialize, Serialize};
+
+use super::{ShapeDecoder, ShapeDecoderConfig};
+use crate::encoder::{Encoder, EncoderConfig};
+
+/// Configuration of a [`ShapeModel`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ShapeModelConfig {
+    /// What makes the codes.
+    pub encoder: EncoderConfig,
+    /// Length of the codes.
+    pub code_dim: usize,
+    /// What makes shapes of them.
+    pub decoder: ShapeDecoderConfig,
+}
+
+impl ShapeModelConfig {
+    /// The range of every number.
+    pub fn ranges() -> Vec<NumberRange> {
+        let code = vec![whole("code_dim", 1, 4096)];
+        [nested("encoder", EncoderConfig::RANGES), nested("decoder", ShapeDecoderConfig::RANGES), code].concat()
+    }
+
+    /// Checks that a model can be made of it.
+    ///
+    /// # Errors
+    /// Names the first value that is out of range.
+    pub fn check(&self) -> Result<(), OutOfRange> {
+        check_config(self, &Self::ranges())?;
+        self.encoder.check_image_size()
+    }
+
+    /// How many numbers the model has at least.
+    pub fn parameters(&self) -> u64 {
+        self.decoder.parameters(self.code_dim).saturating_add(self.encoder.parameters(self.code_dim))
+    }
+
+    /// A model with fresh parameters.
+    pub fn init(&self, device: &Device) -> ShapeModel {
+        ShapeModel {
+            encoder: self.encoder.init(self.code_dim, device),
+            decoder: self.decoder.init(self.code_dim, device),
+        }
+    }
+}
+
+/// An encoder and a shape decoder.
+#[derive(Module, Debug)]
+pub struct ShapeModel {
+    /// Makes the codes.
+    pub encoder: Encoder,
+    /// Makes shapes of them.
+    pub decoder: ShapeDecoder,
+}
+
+impl ShapeModel {
+    /// Codes `[b, code_dim]` of a batch of objects; see [`Encoder::forward`].
+    pub fn codes(&self, images: Tensor<4>, objects: Tensor<1, Int>) -> Tensor<2> {
+        self.encoder.forward(images, objects)
+    }
+}

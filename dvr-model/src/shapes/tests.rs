@@ -1,0 +1,100 @@
+use burn::module::Module;
+use burn::tensor::{Device, Distribution, Tensor};
+use safetensors::SafeTensors;
+
+use super::*;
+use crate::{EncoderConfig, from_safetensors, to_safetensors};
+
+const KINDS: [ShapeDecoderConfig; 4] = [
+    ShapeDecoderConfig::Voxels { width: 4 },
+    ShapeDecoderConfig::Points { width: 4 },
+    ShapeDecoderConfig::Patches { patches: 3, width: 16 },
+    ShapeDecoderConfig::Sphere { width: 16 },
+];
+
+/// What a decoder makes of codes, an object a row.
+fn outputs(decoder: &ShapeDecoder, codes: Tensor<2>) -> Tensor<2> {
+    match decoder {
+        ShapeDecoder::Voxels(decoder) => decoder.forward(codes).flatten(1, 3),
+        ShapeDecoder::Points(decoder) => decoder.forward(codes).flatten(1, 2),
+        ShapeDecoder::Patches(decoder) => {
+            let places = Tensor::random([decoder.patches(), 7, 2], Distribution::Default, &codes.device());
+            decoder.forward(codes, places).flatten(1, 2)
+        }
+        ShapeDecoder::Sphere(decoder) => decoder.forward(codes).flatten(1, 2),
+    }
+}
+
+#[test]
+fn every_decoder_makes_a_shape_of_each_code_and_all_of_its_parameters_learn() {
+    let device = Device::flex().autodiff();
+    for (kind, numbers) in KINDS.into_iter().zip([32 * 32 * 32, 3 * PointDecoder::POINTS, 3 * 3 * 7, 3 * 642]) {
+        let decoder = kind.init(5, &device);
+        let codes = Tensor::<2>::random([2, 5], Distribution::Normal(0.0, 1.0), &device);
+        let made = outputs(&decoder, codes);
+        assert_eq!(made.dims(), [2, numbers], "{kind:?}");
+        let gradients = burn::optim::GradientsParams::from_grads((made.clone() * made).sum().backward(), &decoder);
+        let learning = gradients.len();
+        // A weight and a bias for each layer, but for the first of the patches, which has two weights.
+        assert_eq!(learning, [8, 16, 9, 8][KINDS.iter().position(|k| *k == kind).unwrap()], "{kind:?}");
+    }
+}
+
+#[test]
+fn codes_of_one_batch_do_not_touch_each_other() {
+    let device = Device::flex();
+    for kind in [KINDS[0], KINDS[1], KINDS[3]] {
+        let decoder = kind.init(5, &device);
+        let codes = Tensor::<2>::random([3, 5], Distribution::Normal(0.0, 1.0), &device);
+        let second = outputs(&decoder, codes.clone().narrow(0, 1, 1));
+        let difference = (outputs(&decoder, codes).narrow(0, 1, 1) - second).abs().max();
+        assert!(difference.into_scalar::<f32>() < 1e-5, "{kind:?}");
+    }
+}
+
+#[test]
+fn patches_of_one_place_are_alike_whatever_else_is_asked() {
+    let device = Device::flex();
+    let decoder = PatchDecoder::new(2, 16, 3, &device);
+    let codes = Tensor::<2>::random([2, 3], Distribution::Default, &device);
+    let places = Tensor::<3>::random([2, 4, 2], Distribution::Default, &device);
+    let all = decoder.forward(codes.clone(), places.clone());
+    // Place 1 of the second patch, of the second object.
+    let one = decoder.forward(codes.narrow(0, 1, 1), places.narrow(1, 1, 1));
+    let difference = all.narrow(0, 1, 1).narrow(1, 5, 1) - one.narrow(1, 1, 1);
+    assert!(difference.abs().max().into_scalar::<f32>() < 1e-6);
+}
+
+#[test]
+fn a_sphere_starts_as_the_sphere_and_stays_in_the_cube() {
+    let device = Device::flex();
+    let decoder = SphereDecoder::new(16, 4, &device);
+    let half = dvr_core::UnitCube::default().half_extent() as f32;
+    let vertices = decoder.forward(Tensor::random([1, 4], Distribution::Default, &device));
+    let vertices: Vec<f32> = vertices.into_data().iter::<f32>().collect();
+    for (made, vertex) in vertices.chunks(3).zip(&SphereDecoder::sphere().vertices) {
+        let off = (glam::Vec3::from_slice(made) - *vertex * half).length();
+        assert!(off < 0.02, "{made:?} {vertex}");
+    }
+    let wild = decoder.forward(Tensor::random([4, 4], Distribution::Normal(0.0, 1e5), &device));
+    assert!(wild.abs().max().into_scalar::<f32>() <= half + 1e-6);
+}
+
+#[test]
+fn a_model_comes_back_from_its_file_with_the_same_values() {
+    let device = Device::flex();
+    for decoder in KINDS {
+        let encoder = EncoderConfig::Codes { objects: 3 };
+        let config = ShapeModelConfig { encoder, code_dim: 5, decoder };
+        config.check().unwrap();
+        let model = config.init(&device);
+        assert!(config.parameters() <= model.num_params() as u64, "{decoder:?}");
+        let bytes = to_safetensors(&model, &config).unwrap();
+        let (read_config, read): (ShapeModelConfig, ShapeModel) = from_safetensors(&bytes, &device).unwrap();
+        assert_eq!(read_config, config);
+        let again = to_safetensors(&read, &config).unwrap();
+        let [first, second] = [&bytes, &again].map(|bytes| SafeTensors::deserialize(bytes).unwrap());
+        assert_eq!(first.len(), second.len());
+        assert!(first.iter().all(|(name, tensor)| second.tensor(name).unwrap() == tensor), "{decoder:?}");
+    }
+}

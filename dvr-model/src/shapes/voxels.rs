@@ -1,0 +1,147 @@
+//! Shapes as occupancies of voxels.
+
+use burn::module::Module;
+use burn::nn::{Initializer, Linear, LinearConfig};
+use burn::tensor::activation::relu;
+use burn::tensor::{Device, Tensor};
+
+use super::points::for_relu;
+
+/// Voxels along an edge of the coarsest layer.
+const COARSEST: usize = 4;
+
+/// Logit of fresh voxels: a ray that passes 32 of them meets something about as likely as not. Where all were as likely full as
+/// empty, no ray would see beyond the first, and all would be emptied before anything is learned.
+const FIRST_LOGIT: f64 = -3.5;
+
+/// How much fresh voxels differ: where single ones stop rays by chance, a sponge is learned.
+const LAST_DEVIATION: f64 = 0.1;
+
+/// A code as occupancies of 32^3 voxels: three transposed convolutions that double the resolution, from 4^3 on, the last to
+/// one channel. So are the decoders of Choy et al. 2016 (3D-R2N2, section 4) and Tulsiani et al. 2017 (DRC, section 4.1), but
+/// for their normalisation and residual connections.
+#[derive(Module, Debug)]
+pub struct VoxelDecoder {
+    /// Code to the coarsest layer.
+    pub fc: Linear,
+    /// To 8^3 voxels.
+    pub up0: Doubling,
+    /// To 16^3 voxels.
+    pub up1: Doubling,
+    /// To 32^3 voxels.
+    pub up2: Doubling,
+}
+
+impl VoxelDecoder {
+    /// Voxels along an edge of the padded cube.
+    pub const RESOLUTION: usize = 8 * COARSEST;
+
+    /// Numbers of the coarsest layer for each channel of the finest hidden one.
+    pub(super) const FIRST: usize = 16 * COARSEST.pow(3);
+
+    /// Random parameters; the finest hidden layer has `width` channels, each coarser one four times as many.
+    pub fn new(width: usize, code_dim: usize, device: &Device) -> Self {
+        Self {
+            fc: LinearConfig::new(code_dim, Self::FIRST * width).with_initializer(for_relu(code_dim)).init(device),
+            up0: Doubling::new(16 * width, 4 * width, device),
+            up1: Doubling::new(4 * width, width, device),
+            up2: Doubling {
+                taps: Linear {
+                    weight: Initializer::Normal { mean: 0.0, std: LAST_DEVIATION / (8.0 * width as f64).sqrt() }
+                        .init([8 * width, 8], device),
+                    bias: Some(Initializer::Constant { value: FIRST_LOGIT }.init([8], device)),
+                },
+            },
+        }
+    }
+
+    /// Occupancy logits `[b, 32, 32, 32]` of codes `[b, code_dim]`: of voxels of the padded cube, x fastest.
+    pub fn forward(&self, codes: Tensor<2>) -> Tensor<4> {
+        let [objects, _] = codes.dims();
+        let coarsest = relu(self.fc.forward(codes));
+        let channels = coarsest.dims()[1] / COARSEST.pow(3);
+        let net = coarsest.reshape([objects, COARSEST, COARSEST, COARSEST, channels]);
+        let net = relu(self.up0.forward(net));
+        let net = relu(self.up1.forward(net));
+        self.up2.forward(net).squeeze_dim(4)
+    }
+}
+
+/// A transposed convolution of 4^3 taps, stride 2 and padding 1, with a bias for each place in a block.
+///
+/// What it makes between the middles of eight neighbouring voxels, a block of 2^3, depends on these eight alone: so it is one
+/// product of matrices, which is many times faster than burn's general convolutions in three dimensions and their gradients.
+#[derive(Module, Debug)]
+pub struct Doubling {
+    /// Eight voxels to the eight between them, `[8 input, 8 output]`: z, y and x slowest to fastest, channels last.
+    pub taps: Linear,
+}
+
+impl Doubling {
+    fn new(input: usize, output: usize, device: &Device) -> Self {
+        let taps = LinearConfig::new(8 * input, 8 * output).with_initializer(for_relu(8 * input));
+        Self { taps: taps.init(device) }
+    }
+
+    /// From `[b, n, n, n, input]` to `[b, 2n, 2n, 2n, output]`.
+    pub fn forward(&self, net: Tensor<5>) -> Tensor<5> {
+        let [objects, n, _, _, channels] = net.dims();
+        let padded = Tensor::zeros([objects, n + 2, n + 2, n + 2, channels], &net.device());
+        let inner = 1..n + 1;
+        let padded = padded.slice_assign([0..objects, inner.clone(), inner.clone(), inner, 0..channels], net);
+        let blocks = n + 1;
+        let corner = |corner: usize| {
+            let [z, y, x] = [corner >> 2, corner >> 1 & 1, corner & 1].map(|at| at..at + blocks);
+            padded.clone().slice([0..objects, z, y, x, 0..channels])
+        };
+        let made = self.taps.forward(Tensor::cat((0..8).map(corner).collect(), 4));
+        let output = made.dims()[4] / 8;
+        let made = made.reshape([objects, blocks, blocks, blocks, 2, 2, 2, output]);
+        let made = made.permute([0, 1, 4, 2, 5, 3, 6, 7]);
+        let made = made.reshape([objects, 2 * blocks, 2 * blocks, 2 * blocks, output]);
+        let inner = 1..2 * blocks - 1;
+        made.slice([0..objects, inner.clone(), inner.clone(), inner, 0..output])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use burn::tensor::Distribution;
+    use burn::tensor::module::conv_transpose3d;
+    use burn::tensor::ops::ConvTransposeOptions;
+
+    use super::*;
+
+    #[test]
+    fn doubling_is_a_transposed_convolution() {
+        let device = Device::flex();
+        let (input, output, n) = (3, 2, 4);
+        let doubling = Doubling::new(input, output, &device);
+        let net = Tensor::<5>::random([2, n, n, n, input], Distribution::Default, &device);
+        let made = doubling.forward(net.clone());
+        // Of a block's voxels, the one at 0 lies nearest to the first of the eight around it: its tap is the third of four, that
+        // of the second the first.
+        let taps: Vec<f32> = doubling.taps.weight.val().into_data().iter::<f32>().collect();
+        let mut weight = vec![0f32; input * output * 64];
+        for (row, from) in (0..8).flat_map(|corner| (0..input).map(move |channel| (corner, channel))).enumerate() {
+            for (column, to) in (0..8).flat_map(|place| (0..output).map(move |channel| (place, channel))).enumerate() {
+                let tap = |axis: usize| match (from.0 >> axis & 1, to.0 >> axis & 1) {
+                    (0, 0) => 2,
+                    (1, 0) => 0,
+                    (0, _) => 3,
+                    (_, _) => 1,
+                };
+                let at = (((from.1 * output + to.1) * 4 + tap(2)) * 4 + tap(1)) * 4 + tap(0);
+                weight[at] = taps[row * 8 * output + column];
+            }
+        }
+        let weight = Tensor::<1>::from_floats(weight.as_slice(), &device).reshape([input, output, 4, 4, 4]);
+        let options = ConvTransposeOptions::new([2; 3], [1; 3], [0; 3], [1; 3], 1);
+        let channels_first = net.permute([0, 4, 1, 2, 3]);
+        let expected = conv_transpose3d(channels_first, weight, None, options).permute([0, 2, 3, 4, 1]);
+        // Without the biases, which differ by the place in a block: zeros make them alone.
+        let biases = doubling.forward(Tensor::zeros([2, n, n, n, input], &device));
+        let off = (made - biases - expected).abs().max().into_scalar::<f32>();
+        assert!(off < 1e-5, "{off}");
+    }
+}

@@ -1,0 +1,237 @@
+//! What a system learns from: the object's own files, drawn for each step.
+
+use std::collections::HashMap;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use dvr_core::dataset::ObjectDataset;
+use dvr_core::{GroundTruth, Supervision, View};
+use dvr_model::{ShapeDecoderConfig, VoxelDecoder};
+use glam::Vec3;
+use image::RgbImage;
+use rand::Rng;
+use rand_chacha::ChaCha8Rng;
+
+use super::config::{System, SystemConfig};
+use super::losses::ray_consistency::VoxelRay;
+use super::losses::soft_silhouette::Silhouette;
+use crate::error::{Error, Result};
+use crate::objects::object_drawer::{DrawnObject, ObjectDrawer};
+use crate::objects::voxel_values::voxel_of;
+
+/// Bytes of shapes that are kept at most; those of further objects are read whenever they are needed.
+const KEPT_BYTES: usize = 512 << 20;
+
+/// Points of an object's surface that are kept: a step draws some of them.
+const KEPT_POINTS: usize = 20_000;
+
+/// What is learned from an object in a step.
+#[derive(Clone, Debug)]
+pub(crate) enum Target {
+    /// Points of its surface.
+    Points(Vec<Vec3>),
+    /// Which voxels it fills.
+    Voxels(Arc<Vec<bool>>),
+    /// How it looks from some sides.
+    Silhouettes(Vec<Silhouette>),
+    /// Rays of some views.
+    Rays(Vec<VoxelRay>),
+}
+
+/// An object of a step.
+#[derive(Clone, Debug)]
+pub(crate) struct SystemObject {
+    /// Its place among the training objects.
+    pub row: i64,
+    /// What the encoder sees of it.
+    pub input: Option<RgbImage>,
+    /// What is learned from.
+    pub target: Target,
+}
+
+/// What a step learns from.
+#[derive(Clone, Debug)]
+pub(crate) struct SystemBatch {
+    /// The objects.
+    pub objects: Vec<SystemObject>,
+    /// Places in the squares of pieces of surface, as many in each, for about as many points as are compared with them.
+    pub places: Vec<[f32; 2]>,
+}
+
+impl SystemBatch {
+    /// The first `count` objects; the others stay.
+    pub fn take_first(&mut self, count: usize) -> Self {
+        Self { objects: self.objects.drain(..count).collect(), places: self.places.clone() }
+    }
+}
+
+/// A true shape, as far as a system needs it.
+#[derive(Clone)]
+enum Known {
+    Points(Arc<Vec<Vec3>>),
+    Voxels(Arc<Vec<bool>>),
+}
+
+/// Draws the objects of each step. Step `k` depends on the seed, `k` and the files, and on nothing else.
+pub(crate) struct SystemDrawer {
+    dataset: Arc<ObjectDataset>,
+    config: SystemConfig,
+    objects: ObjectDrawer,
+    known: Mutex<HashMap<usize, Known>>,
+}
+
+impl SystemDrawer {
+    /// # Errors
+    /// When the dataset has no training objects.
+    pub fn new(dataset: Arc<ObjectDataset>, config: SystemConfig) -> Result<Self> {
+        let objects = ObjectDrawer::new(dataset.clone(), config.objects, config.seed, config.encoder.image_size())?;
+        Ok(Self { dataset, config, objects, known: Mutex::default() })
+    }
+
+    /// The objects.
+    pub fn objects(&self) -> &ObjectDrawer {
+        &self.objects
+    }
+
+    /// Draws what a step learns from, counted from 1.
+    ///
+    /// # Errors
+    /// When many objects in a row are broken.
+    pub fn draw(&self, step: usize) -> Result<SystemBatch> {
+        let (drawn, mut rng) = self.objects.draw(step, |object, rng| self.target(object, rng))?;
+        let object =
+            |DrawnObject { row, input, target }: DrawnObject<Target>| SystemObject { row: row as i64, input, target };
+        let places = match self.config.decoder {
+            ShapeDecoderConfig::Patches { patches, .. } => self.config.points.div_ceil(patches) * patches,
+            _ => 0,
+        };
+        let places = (0..places).map(|_| rng.random()).collect();
+        Ok(SystemBatch { objects: drawn.into_iter().map(object).collect(), places })
+    }
+
+    fn target(&self, object: usize, rng: &mut ChaCha8Rng) -> Result<Target> {
+        match self.config.system {
+            System::Psgn | System::AtlasNet => match self.known(object)? {
+                Known::Points(all) => {
+                    let draw = |_| all[rng.random_range(0..all.len())];
+                    Ok(Target::Points((0..self.config.points).map(draw).collect()))
+                }
+                Known::Voxels(voxels) => Ok(Target::Voxels(voxels)),
+            },
+            System::R2n2 => match self.known(object)? {
+                Known::Voxels(voxels) => Ok(Target::Voxels(voxels)),
+                Known::Points(all) => Ok(Target::Points(all.to_vec())),
+            },
+            System::SoftRas => {
+                let silhouette = |view: View| {
+                    let mask = view.mask.clone();
+                    mask.map(|mask| Silhouette { camera: view.camera.clone(), mask })
+                };
+                let views = self.views(object, rng)?;
+                Ok(Target::Silhouettes(views.into_iter().filter_map(silhouette).collect()))
+            }
+            System::Drc => {
+                let views = self.views(object, rng)?;
+                Ok(Target::Rays(views.iter().flat_map(|view| self.rays(view, rng)).collect()))
+            }
+        }
+    }
+
+    /// Some views of an object, drawn anew each time.
+    fn views(&self, object: usize, rng: &mut ChaCha8Rng) -> Result<Vec<View>> {
+        let count = self.dataset.views(object)?;
+        let read = |_| -> Result<View> {
+            let view = self.dataset.read_view(object, rng.random_range(0..count))?;
+            let object = &self.dataset.objects()[object];
+            let scene = || format!("{}, view {}", object.path.display(), view.name);
+            if view.mask.is_none() {
+                let remedy = "Systems that learn from silhouettes need masks, as DVR does.";
+                return Err(
+                    dvr_core::Error::format(&object.path, format!("view {} has no mask", view.name), remedy).into()
+                );
+            }
+            if view.depth.is_none() && self.config.supervision == Supervision::Depth {
+                return Err(Error::NeedsDepth { supervision: self.config.supervision, scene: scene() });
+            }
+            Ok(view)
+        };
+        (0..self.config.views).map(read).collect()
+    }
+
+    /// Pixels of a view: half of them on the object, where there are any.
+    fn rays(&self, view: &View, rng: &mut ChaCha8Rng) -> Vec<VoxelRay> {
+        let (width, height) = (view.camera.width, view.camera.height);
+        let pixels = || (0..height).flat_map(|v| (0..width).map(move |u| (u, v)));
+        let (object, others): (Vec<_>, Vec<_>) = pixels().partition(|&(u, v)| view.is_object(u, v));
+        (0..self.config.rays)
+            .map(|i| {
+                let among = if (i % 2 == 0 && !object.is_empty()) || others.is_empty() { &object } else { &others };
+                let (u, v) = among[rng.random_range(0..among.len())];
+                let is_object = view.is_object(u, v);
+                let depth = (self.config.supervision == Supervision::Depth).then(|| view.depth.as_ref()).flatten();
+                let z_depth = depth.map(|depth| depth.get(u, v));
+                // An object pixel without a depth says nothing of it.
+                let z_depth = z_depth.filter(|depth| depth.is_finite() || !is_object);
+                VoxelRay { ray: view.camera.pixel_ray(u, v), is_object, z_depth }
+            })
+            .collect()
+    }
+
+    /// The true shape of an object, read once where there is room.
+    fn known(&self, object: usize) -> Result<Known> {
+        let kept = || self.known.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(known) = kept().get(&object) {
+            return Ok(known.clone());
+        }
+        let truth = self.dataset.read_ground_truth(object)?;
+        let path = &self.dataset.objects()[object].path;
+        let known = match self.config.system {
+            System::R2n2 => Known::Voxels(Arc::new(voxels(&truth))),
+            _ => Known::Points(Arc::new(surface(&truth))),
+        };
+        let is_empty = match &known {
+            Known::Points(points) => points.is_empty(),
+            Known::Voxels(voxels) => !voxels.contains(&true),
+        };
+        if is_empty {
+            let remedy = "Systems with 3D supervision need points on the surface; those with 2D supervision do not.";
+            return Err(dvr_core::Error::format(path, "there is no pointcloud.npz, or it is empty", remedy).into());
+        }
+        let bytes = match &known {
+            Known::Points(points) => size_of::<Vec3>() * points.len(),
+            Known::Voxels(voxels) => voxels.len(),
+        };
+        let mut kept = kept();
+        if (kept.len() + 1) * bytes <= KEPT_BYTES {
+            kept.insert(object, known.clone());
+        }
+        Ok(known)
+    }
+}
+
+/// Points of the surface, spread over those that are known: files are in random order or along scan lines.
+fn surface(truth: &GroundTruth) -> Vec<Vec3> {
+    let all = truth.surface.as_ref().map_or(&[][..], |cloud| &cloud.points);
+    let count = all.len().min(KEPT_POINTS);
+    (0..count).map(|i| all[i * all.len() / count]).collect()
+}
+
+/// The voxels that the surface passes through, and those in which most points are inside: what `binvox` makes, by which
+/// 3D-R2N2's data were voxelised.
+fn voxels(truth: &GroundTruth) -> Vec<bool> {
+    let n = VoxelDecoder::RESOLUTION;
+    let mut inside = vec![0i32; n.pow(3)];
+    if let Some(samples) = &truth.occupancy {
+        for (point, is_inside) in samples.points.iter().zip(&samples.inside) {
+            if let Some(voxel) = voxel_of(*point, n) {
+                inside[voxel] += if *is_inside { 1 } else { -1 };
+            }
+        }
+    }
+    let mut filled: Vec<bool> = inside.into_iter().map(|votes| votes > 0).collect();
+    for point in truth.surface.iter().flat_map(|cloud| &cloud.points) {
+        if let Some(voxel) = voxel_of(*point, n) {
+            filled[voxel] = true;
+        }
+    }
+    filled
+}
