@@ -167,7 +167,7 @@ impl SystemDrawer {
                 let among = if (i % 2 == 0 && !object.is_empty()) || others.is_empty() { &object } else { &others };
                 let (u, v) = among[rng.random_range(0..among.len())];
                 let is_object = view.is_object(u, v);
-                let depth = (self.config.supervision == Supervision::Depth).then(|| view.depth.as_ref()).flatten();
+                let depth = view.depth.as_ref().filter(|_| self.config.supervision == Supervision::Depth);
                 let z_depth = depth.map(|depth| depth.get(u, v));
                 // An object pixel without a depth says nothing of it.
                 let z_depth = z_depth.filter(|depth| depth.is_finite() || !is_object);

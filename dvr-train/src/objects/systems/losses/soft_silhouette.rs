@@ -247,7 +247,7 @@ mod tests {
         let mut iou = 0.0;
         for _ in 0..120 {
             vertices = vertices.require_grad();
-            let (loss, now) = silhouette_loss(&vertices, &ball.faces, &[views.clone()], SHARPNESS);
+            let (loss, now) = silhouette_loss(&vertices, &ball.faces, std::slice::from_ref(&views), SHARPNESS);
             iou = now;
             let gradient = vertices.grad(&loss.backward()).unwrap();
             vertices = Tensor::from_inner(vertices.inner() - gradient * 0.3);
