@@ -108,11 +108,11 @@ fn every_part_fills_the_marks_of_its_page() {
 
     // What is kept by stamps is not made again.
     let trainings = || copy.read("calls").lines().filter(|call| call.starts_with("train ")).count();
-    assert_eq!(trainings(), 6);
+    assert_eq!(trainings(), 12);
     succeeds(&copy.run(&[out.to_str().unwrap(), "objects"], &[]));
-    assert_eq!(trainings(), 6);
+    assert_eq!(trainings(), 12);
     succeeds(&copy.run(&[out.to_str().unwrap(), "objects"], &[("STUB_COMMIT", "another")]));
-    assert_eq!(trainings(), 12, "of another commit they are");
+    assert_eq!(trainings(), 24, "of another commit they are");
 }
 
 #[test]

@@ -20,7 +20,7 @@ minutes_of() {
         stress-photographs) echo 20 ;;
         stress-network) echo 30 ;;
         furniture) echo 8 ;;
-        objects) echo 110 ;;
+        objects) echo 240 ;;
         camera-refinement) echo 10 ;;
         step) echo 5 ;;
         soak) echo 35 ;;
@@ -328,9 +328,16 @@ part_objects() {
     trained rgb-1700 --supervision rgb --steps 1700
     trained depth-1700 --supervision depth --steps 1700
     trained no-hulls-1700 --supervision rgb --steps 1700 --set hull_depth=0
-    trained occupancy --supervision occupancy --steps 5400
+    # The systems that the publication compares with.
+    trained softras --method softras
+    trained drc --method drc
+    trained drc-depth --method drc --supervision depth
+    trained r2n2 --method r2n2
+    trained psgn --method psgn
+    trained atlasnet --method atlasnet
+    trained onet --method onet --steps 5400
     set --
-    for name in rgb depth rgb-1700 depth-1700 no-hulls-1700 occupancy; do
+    for name in rgb depth rgb-1700 depth-1700 no-hulls-1700 softras drc drc-depth r2n2 psgn atlasnet onet; do
         "$DVR" eval "$out/objects/$name" --split test --resolution 64 --object-views 4 --out "$out/objects/eval/$name"
         set -- "$@" "$out/objects/eval/$name/objects.jsonl"
     done

@@ -56,7 +56,7 @@ pub fn run(
         let run = SourceRun { folder: folder.clone(), header: result.outcome.header.clone(), scene: None };
         write_report(&[run], &folder.report())?;
     }
-    report(&metrics, folder, cpu_seconds);
+    report(&metrics, matches!(training, ObjectsTraining::Fields(_)), folder, cpu_seconds);
     Ok(ExitCode::SUCCESS)
 }
 
@@ -98,15 +98,16 @@ fn describe(dataset: &ObjectDataset, method: &dyn Method, training: ObjectsTrain
 }
 
 /// The results, for people.
-fn report(metrics: &ObjectsMetrics, folder: &RunFolder, cpu_seconds: f64) {
+fn report(metrics: &ObjectsMetrics, has_colors: bool, folder: &RunFolder, cpu_seconds: f64) {
     println!(
         "trained {} steps in {:.1} s ({cpu_seconds:.1} CPU s), seed {}; {} objects, {} parameters",
         metrics.steps, metrics.training_seconds, metrics.seed, metrics.objects, metrics.parameters
     );
     if let Some(best) = metrics.validation {
+        let psnr = if has_colors { format!(", PSNR {:.2} dB", best.psnr) } else { String::new() };
         println!(
-            "validation objects: silhouette IoU {:.3}, PSNR {:.2} dB at step {}, which stands for the run",
-            best.mask_iou, best.psnr, best.step
+            "validation objects: silhouette IoU {:.3}{psnr} at step {}, which stands for the run",
+            best.mask_iou, best.step
         );
     }
     if !metrics.broken.is_empty() {

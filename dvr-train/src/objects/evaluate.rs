@@ -195,6 +195,7 @@ impl Evaluation<'_> {
             input,
             shape: shape.evaluate(&truth, seed)?,
             views: view_metrics,
+            has_colors: shape.mesh().is_some_and(|mesh| mesh.colors.is_some()),
             key: key.clone(),
         })
     }

@@ -2,7 +2,8 @@
 
 use burn::module::Module;
 use burn::tensor::{Device, Int, Tensor, TensorData};
-use dvr_core::UnitCube;
+use dvr_core::mesh::Mesh;
+use dvr_core::{Supervision, UnitCube};
 use dvr_model::{Conditioned, ImageModel};
 use dvr_render::extract::FieldSurface;
 use dvr_render::{MarchSettings, RenderSettings, SkipGrid};
@@ -55,6 +56,12 @@ impl FieldsModel {
     pub fn field_of_row(&self, row: usize) -> Conditioned {
         let device = self.device();
         self.model.field(self.model.codes(image_tensor(&[], &device), rows_tensor(&[row as i64], &device)))
+    }
+
+    /// A mesh of one of its fields, without the colours where none were learned: 3D supervision has no pictures.
+    pub(crate) fn with_learned_colors(&self, mesh: Mesh) -> Mesh {
+        let is_learned = self.config.train.supervision != Supervision::Occupancy;
+        Mesh { colors: mesh.colors.filter(|_| is_learned), ..mesh }
     }
 
     fn device(&self) -> Device {

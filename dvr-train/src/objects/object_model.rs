@@ -5,7 +5,7 @@ use std::path::Path;
 use burn::module::Module;
 use burn::tensor::Device;
 use dvr_core::mesh::Mesh;
-use dvr_model::{EncoderConfig, RecordError, save_safetensors};
+use dvr_model::{Conditioned, EncoderConfig, RecordError, save_safetensors};
 use dvr_render::extract::{ExtractSettings, FieldSurface};
 use image::RgbImage;
 
@@ -77,7 +77,7 @@ impl ObjectModel {
     /// When a surface needs more memory than there is.
     pub fn shape_of_picture(&self, picture: &RgbImage, extraction: &ExtractSettings) -> Result<Shape> {
         match self {
-            Self::Fields(model) => shape_of_field(&model.field_of_picture(picture), extraction),
+            Self::Fields(model) => shape_of_field(model, &model.field_of_picture(picture), extraction),
             Self::System(model) => Ok(model.shape(Some(picture), 0, extraction)),
         }
     }
@@ -88,7 +88,7 @@ impl ObjectModel {
     /// When a surface needs more memory than there is.
     pub fn shape_of_row(&self, row: usize, extraction: &ExtractSettings) -> Result<Shape> {
         match self {
-            Self::Fields(model) => shape_of_field(&model.field_of_row(row), extraction),
+            Self::Fields(model) => shape_of_field(model, &model.field_of_row(row), extraction),
             Self::System(model) => Ok(model.shape(None, row as i64, extraction)),
         }
     }
@@ -105,10 +105,10 @@ impl ObjectModel {
     }
 }
 
-fn shape_of_field(field: &dvr_model::Conditioned, extraction: &ExtractSettings) -> Result<Shape> {
+fn shape_of_field(model: &FieldsModel, field: &Conditioned, extraction: &ExtractSettings) -> Result<Shape> {
     let options = MeshOptions { extraction: extraction.clone(), colors: ColorSource::Field, ..MeshOptions::default() };
     match object_mesh(&FieldSurface::new(field), &options, &[], &[]) {
-        Ok(extracted) => Ok(Shape::Mesh(extracted.mesh)),
+        Ok(extracted) => Ok(Shape::Mesh(model.with_learned_colors(extracted.mesh))),
         Err(Error::NoMesh(_)) => Ok(Shape::Mesh(Mesh::default())),
         Err(other) => Err(other),
     }

@@ -39,7 +39,7 @@ pub fn predict(model: &ObjectModel, picture: &RgbImage, options: &MeshOptions) -
         ObjectModel::Fields(model) => {
             let field = model.field_of_picture(picture);
             let extracted = object_mesh(&FieldSurface::new(field), options, &[], &[])?;
-            (Shape::Mesh(extracted.mesh), extracted.warnings)
+            (Shape::Mesh(model.with_learned_colors(extracted.mesh)), extracted.warnings)
         }
         ObjectModel::System(model) => (model.shape(Some(picture), 0, &options.extraction), Vec::new()),
     };

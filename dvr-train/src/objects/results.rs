@@ -58,10 +58,18 @@ pub struct ObjectScore {
     pub input: usize,
     /// The shape against the truth.
     pub shape: ShapeEvaluation,
-    /// Renders of the coloured mesh against its views, where these were asked for.
+    /// Renders of the mesh against its views, where these were asked for.
     pub views: Option<ViewMetrics>,
+    /// Whether the mesh has colours, without which the PSNR of its renders says nothing.
+    #[serde(default = "yes")]
+    pub has_colors: bool,
     /// What the figures were made of.
     pub key: RecordKey,
+}
+
+/// Earlier files hold coloured meshes alone.
+fn yes() -> bool {
+    true
 }
 
 /// An object that could not be measured.
@@ -267,6 +275,7 @@ pub(crate) mod tests {
             name: name.into(),
             input: 1,
             shape,
+            has_colors: true,
             views: None,
             key: key("dvr 1"),
         }

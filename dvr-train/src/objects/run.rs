@@ -76,6 +76,9 @@ const PREVIEW: (usize, u32) = (6, 128);
 /// Cells along an edge at which voxels are shown as a surface.
 const PREVIEW_CELLS: usize = 64;
 
+/// Colour of shapes that have none, sRGB.
+const PREVIEW_GREY: [f32; 3] = [0.6; 3];
+
 /// Samples across the cube where a field is shown.
 const SAMPLES: usize = 128;
 
@@ -235,7 +238,9 @@ fn row_of(model: &ObjectModel, dataset: &ObjectDataset, object: usize, row: usiz
         ObjectModel::System(model) => {
             let extraction = ExtractSettings { resolution: PREVIEW_CELLS, ..ExtractSettings::default() };
             let shape = model.shape(picture.as_ref(), row as i64, &extraction);
-            pictures.extend(preview_row(&MeshShader::new(&shape.drawn()), &view, PREVIEW.1));
+            let mut mesh = shape.drawn().into_owned();
+            mesh.colors = Some(vec![PREVIEW_GREY; mesh.vertices.len()]);
+            pictures.extend(preview_row(&MeshShader::new(&mesh), &view, PREVIEW.1));
         }
     }
     Ok(pictures)

@@ -26,12 +26,12 @@ const FIGURES: [Figure; 11] = [
     ("f_score_0.02", "F-score at .02", 3, |score| f_score(score, 2)),
     ("volume_iou", "volume IoU", 3, |score| score.shape.volume_iou),
     ("silhouette_iou", "silhouette IoU", 3, |score| Some(score.views?.mask_iou)),
-    ("psnr", "PSNR dB", 2, |score| Some(score.views?.psnr)),
+    ("psnr", "PSNR dB", 2, |score| score.has_colors.then_some(score.views?.psnr)),
 ];
 
 /// The figures that the Markdown tables show.
 const SHOWN: [&str; 7] =
-    ["chamfer_l1", "chamfer_l1_floor", "normal_consistency", "f_score_0.02", "volume_iou", "silhouette_iou", "psnr"];
+    ["chamfer_l1", "chamfer_l1_floor", "normal_consistency", "f_score_0.01", "volume_iou", "silhouette_iou", "psnr"];
 
 /// The mean figures of one predictor over some objects.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -256,7 +256,16 @@ mod tests {
         let shape = ShapeEvaluation { volume_iou: Some(iou), ..ShapeEvaluation::default() };
         let [category, name] = [category, name].map(str::to_owned);
         let key = key("dvr 1");
-        ObjectScore { category: category.clone(), category_name: category, name, input: 0, shape, views: None, key }
+        ObjectScore {
+            category: category.clone(),
+            category_name: category,
+            name,
+            input: 0,
+            shape,
+            views: None,
+            has_colors: true,
+            key,
+        }
     }
 
     fn measurement(predictor: &str) -> Measurement {
