@@ -15,7 +15,7 @@ use crate::error::Result;
 use crate::evaluate::{ShapeEvaluation, evaluate_points};
 
 /// Size of a point that is drawn, edges of the object cube.
-const DRAWN_RADIUS: f32 = 0.008;
+const DRAWN_RADIUS: f32 = 0.015;
 
 /// A shape in object space.
 pub enum Shape {

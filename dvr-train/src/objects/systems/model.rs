@@ -66,8 +66,9 @@ impl SystemModel {
         let codes = self.model.codes(image_tensor(&images, &device), rows_tensor(&[row], &device));
         match &self.model.decoder {
             ShapeDecoder::Voxels(decoder) => {
-                let surface = (self.config.threshold / (1.0 - self.config.threshold)).ln() as f32;
-                let values = numbers(decoder.forward(codes)).map(|logit| logit - surface).collect();
+                let logits: Vec<f32> = numbers(decoder.forward(codes)).collect();
+                let surface = surface_logit(&logits, self.config.threshold);
+                let values = logits.into_iter().map(|logit| logit - surface).collect();
                 let voxels = VoxelValues { voxels: VoxelDecoder::RESOLUTION, values };
                 Shape::Mesh(voxels.surface(extraction))
             }
@@ -94,6 +95,15 @@ impl SystemModel {
         let shape = self.shape(validation.input.as_ref(), validation.row, &extraction);
         view_metrics(&MeshShader::new(shape.mesh()?), &[&validation.view], pixels)
     }
+}
+
+/// The logit at which the surface of voxels lies: that of the threshold, or of half of the largest occupancy where no voxel
+/// comes to the threshold, as of thin parts whose place the picture leaves open. No object is empty.
+fn surface_logit(logits: &[f32], threshold: f64) -> f32 {
+    let most = logits.iter().copied().fold(f32::MIN, f32::max);
+    let most = 1.0 / (1.0 + f64::from(-most).exp());
+    let level = if most > threshold { threshold } else { 0.5 * most };
+    (level / (1.0 - level)).ln() as f32
 }
 
 /// A regular grid of each piece, as a mesh.
@@ -124,4 +134,19 @@ fn numbers<const D: usize>(tensor: Tensor<D>) -> impl Iterator<Item = f32> {
 
 fn points(tensor: Tensor<3>) -> Vec<Vec3> {
     numbers(tensor).collect::<Vec<_>>().chunks_exact(3).map(Vec3::from_slice).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn voxels_that_do_not_come_to_the_threshold_have_a_surface_all_the_same() {
+        let logit = |share: f64| (share / (1.0 - share)).ln() as f32;
+        let near = |a: f32, b: f32| assert!((a - b).abs() < 1e-5, "{a} {b}");
+        near(surface_logit(&[logit(0.1), logit(0.9)], 0.4), logit(0.4));
+        near(surface_logit(&[logit(0.1), logit(0.3)], 0.4), logit(0.15));
+        let surface = surface_logit(&[-30.0, -20.0], 0.5);
+        assert!(surface < -20.0 && surface > -30.0, "{surface}");
+    }
 }
