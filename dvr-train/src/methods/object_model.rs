@@ -14,7 +14,10 @@ use crate::run::checkpoint::Checkpoint;
 /// # Errors
 /// When the run knows no objects by codes, or not so many; when its model is damaged.
 pub fn load_object(checkpoint: &Checkpoint, object: usize, device: &Device) -> Result<Box<dyn TrainedModel>> {
-    let model = ObjectModel::load(checkpoint, device)?;
+    let model = match ObjectModel::load(checkpoint, device) {
+        Err(Error::OneScene) => return Err(Error::NoCodes),
+        loaded => loaded?,
+    };
     let EncoderConfig::Codes { objects } = *model.encoder() else { return Err(Error::NoCodes) };
     if object >= objects {
         return Err(Error::NoSuchObject { object, objects });
