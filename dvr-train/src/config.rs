@@ -214,9 +214,7 @@ impl TrainConfig {
 
     /// Adam's step size at a step.
     pub fn learning_rate_at(&self, step: usize) -> f64 {
-        let percent = self.percent(step);
-        let passed = self.milestones_percent.iter().filter(|m| f64::from(**m) <= percent).count();
-        self.learning_rate * self.learning_rate_factor.powi(passed as i32)
+        fallen(self.learning_rate, self.learning_rate_factor, &self.milestones_percent, self.percent(step))
     }
 
     /// Which pixels a step looks at.
@@ -225,7 +223,7 @@ impl TrainConfig {
     }
 
     fn percent(&self, step: usize) -> f64 {
-        100.0 * step as f64 / self.steps.max(1) as f64
+        percent(step, self.steps)
     }
 
     /// This configuration with some of its values replaced by those of a JSON object, nested like the configuration.
@@ -270,6 +268,17 @@ impl TrainConfig {
         }
         Ok(())
     }
+}
+
+/// A step size times `factor` for each milestone, in percent of the steps, that is passed.
+pub(crate) fn fallen(first: f64, factor: f64, milestones_percent: &[u32], percent: f64) -> f64 {
+    let passed = milestones_percent.iter().filter(|milestone| f64::from(**milestone) <= percent).count();
+    first * factor.powi(passed as i32)
+}
+
+/// So many steps, in percent of all.
+pub(crate) fn percent(step: usize, steps: usize) -> f64 {
+    100.0 * step as f64 / steps.max(1) as f64
 }
 
 #[cfg(test)]

@@ -1,11 +1,12 @@
-//! The ranges of the numbers of a network's configuration, and of one for many objects.
+//! The ranges of the numbers of a network's configuration, and of those for many objects.
 
 use dvr_core::hull::VisualHull;
 use dvr_core::number_range::{NumberRange, above, nested, real, whole};
-use dvr_model::{DecoderConfig, EncoderConfig};
+use dvr_model::{DecoderConfig, EncoderConfig, ShapeDecoderConfig};
 
 use crate::config::TrainConfig;
 use crate::objects::config::ObjectsConfig;
+use crate::objects::systems::config::SystemConfig;
 
 /// Most steps, and most steps between two events.
 const STEPS: u64 = 1_000_000_000;
@@ -60,6 +61,35 @@ const OF_OBJECTS: &[NumberRange] = &[
     real("threshold", 0.001, 0.999),
     whole("validate_objects", 0, 1_000_000),
 ];
+
+/// What systems of other papers have, but for encoder and decoder.
+const OF_SYSTEMS: &[NumberRange] = &[
+    whole("seed", 0, u64::MAX),
+    whole("steps", 1, STEPS),
+    whole("code_dim", 1, 4096),
+    whole("objects", 1, 4096),
+    whole("views", 1, 4096),
+    whole("rays", 1, RAYS),
+    whole("points", 1, 1 << 20),
+    real("threshold", 0.001, 0.999),
+    above("sharpness", 0.0, 1.0),
+    real("laplacian", 0.0, WEIGHT),
+    real("flatness", 0.0, WEIGHT),
+    above("learning_rate", 0.0, 10.0),
+    whole("milestones_percent[]", 0, 100),
+    real("learning_rate_factor", 0.0, 10.0),
+    whole("validate_objects", 0, 1_000_000),
+    whole("validate_every", 1, STEPS),
+    whole("checkpoint_every", 1, STEPS),
+];
+
+impl SystemConfig {
+    /// The range of every number.
+    pub fn ranges() -> Vec<NumberRange> {
+        let parts = [nested("encoder", EncoderConfig::RANGES), nested("decoder", ShapeDecoderConfig::RANGES)];
+        [OF_SYSTEMS.to_vec(), parts.concat()].concat()
+    }
+}
 
 impl TrainConfig {
     /// The range of every number.

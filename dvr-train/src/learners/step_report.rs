@@ -25,7 +25,7 @@ pub struct StepReport {
 }
 
 /// What a step's configuration says of it.
-pub(crate) struct StepSettings {
+pub struct StepSettings {
     /// The step, counted from 1.
     pub step: usize,
     /// Whether no other follows.
@@ -38,7 +38,7 @@ pub(crate) struct StepSettings {
 
 impl StepSettings {
     /// Of the step that follows so many.
-    pub fn of(config: &TrainConfig, steps_done: usize) -> Self {
+    pub(crate) fn of(config: &TrainConfig, steps_done: usize) -> Self {
         Self {
             step: steps_done + 1,
             is_last: steps_done + 1 == config.steps,

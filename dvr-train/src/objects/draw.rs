@@ -19,7 +19,7 @@ use dvr_core::Supervision;
 
 /// The objects of one step and what they show, before it goes to a device.
 #[derive(Clone, Debug)]
-pub(crate) struct ObjectsBatch {
+pub struct ObjectsBatch {
     /// Place of each object among the training objects.
     pub rows: Vec<i64>,
     /// What the encoder sees of each object; empty where it sees nothing.
@@ -30,7 +30,7 @@ pub(crate) struct ObjectsBatch {
 
 /// What is learned from in a step. `owner` is the place of the object in the batch.
 #[derive(Clone, Debug)]
-pub(crate) enum Targets {
+pub enum Targets {
     /// Pixels of posed views.
     Pixels { pixels: Pixels, owner: Vec<i64>, noise: StepNoise },
     /// Points, and whether they are inside.

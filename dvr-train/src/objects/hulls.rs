@@ -1,27 +1,24 @@
 //! Visual hulls of training objects: what masks alone tell of the depth of a pixel.
 
-use std::collections::HashMap;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
 use dvr_core::dataset::ObjectDataset;
 use dvr_core::hull::{HullSettings, VisualHull};
 use dvr_core::{Ray, UnitCube, View};
 
+use super::kept::Kept;
 use crate::error::Result;
-
-/// Bytes of hulls that are kept at most; those of further objects are carved whenever they are needed.
-const KEPT_BYTES: usize = 512 << 20;
 
 /// The hulls of a dataset's objects, each carved when it is first asked for.
 pub(crate) struct Hulls {
     resolution: usize,
-    kept: Mutex<HashMap<usize, Arc<CoarseHull>>>,
+    kept: Kept<CoarseHull>,
 }
 
 impl Hulls {
     /// Hulls of so many voxels along an edge of the cube.
     pub fn new(resolution: usize) -> Self {
-        Self { resolution, kept: Mutex::default() }
+        Self { resolution, kept: Kept::default() }
     }
 
     /// The hull of all masks of an object.
@@ -29,26 +26,16 @@ impl Hulls {
     /// # Errors
     /// When one of its views cannot be read.
     pub fn of(&self, dataset: &ObjectDataset, object: usize) -> Result<Arc<CoarseHull>> {
-        let kept = || self.kept.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(hull) = kept().get(&object) {
-            return Ok(hull.clone());
-        }
+        self.kept.of(object, CoarseHull::bytes, || self.carve(dataset, object))
+    }
+
+    fn carve(&self, dataset: &ObjectDataset, object: usize) -> Result<CoarseHull> {
         let views = (0..dataset.views(object)?).map(|view| dataset.read_view(object, view));
         let views = views.collect::<dvr_core::Result<Vec<View>>>()?;
         let masks: Vec<_> = views.iter().filter_map(View::training_pair).collect();
         // A voxel too much is depth too little: centres decide.
         let settings = HullSettings { conservative: false, ..HullSettings::default() };
-        let hull = Arc::new(CoarseHull::new(&VisualHull::carve(
-            &masks,
-            UnitCube::default().into(),
-            self.resolution,
-            &settings,
-        )?));
-        let mut kept = kept();
-        if (kept.len() + 1) * hull.bytes() <= KEPT_BYTES {
-            kept.insert(object, hull.clone());
-        }
-        Ok(hull)
+        Ok(CoarseHull::new(&VisualHull::carve(&masks, UnitCube::default().into(), self.resolution, &settings)?))
     }
 }
 

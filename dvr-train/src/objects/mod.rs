@@ -3,7 +3,9 @@
 pub(crate) mod config;
 mod draw;
 mod evaluate;
+mod fields_task;
 mod hulls;
+mod kept;
 mod loader;
 mod mean_shape;
 pub(crate) mod model;
@@ -17,6 +19,7 @@ mod run;
 pub(crate) mod shape;
 mod summary;
 pub(crate) mod systems;
+mod task;
 #[cfg(test)]
 mod tests;
 mod trainer;
@@ -36,5 +39,5 @@ pub use shape::Shape;
 pub use summary::{MeanScore, Summary, merge_results, to_markdown, write_summaries};
 pub use systems::config::{System, SystemConfig};
 pub use systems::model::SystemModel;
-pub use systems::trainer::SystemTrainer;
+pub use systems::task::SystemTrainer;
 pub use trainer::ObjectsTrainer;

@@ -20,7 +20,7 @@ const TRIES: usize = 32;
 const FIRST_EPOCH_STREAM: u64 = 1 << 62;
 
 /// Draws the training objects of each step. Step `k` depends on the seed, `k` and the files, and on nothing else.
-pub(crate) struct ObjectDrawer {
+pub struct ObjectDrawer {
     dataset: Arc<ObjectDataset>,
     /// The training objects.
     objects: Vec<usize>,
@@ -33,7 +33,7 @@ pub(crate) struct ObjectDrawer {
 }
 
 /// An object of a step.
-pub(crate) struct DrawnObject<T> {
+pub struct DrawnObject<T> {
     /// Its place among the training objects.
     pub row: usize,
     /// What the encoder sees of it.

@@ -1,6 +1,7 @@
 //! Training on a dataset of objects from start to end, and what it leaves for its user.
 
 use std::collections::BTreeMap;
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -14,12 +15,14 @@ use image::imageops::{FilterType, resize};
 use serde::{Deserialize, Serialize};
 
 use super::config::ObjectsConfig;
+use super::fields_task::FieldsTask;
 use super::model::{FieldsModel, render_settings, skip_grid};
 use super::object_model::ObjectModel;
 use super::systems::config::SystemConfig;
 use super::systems::model::SystemModel;
-use super::systems::trainer::SystemTrainer;
-use super::trainer::ObjectsTrainer;
+use super::systems::task::SystemTask;
+use super::task::ObjectsTask;
+use super::trainer::TaskTrainer;
 use crate::error::{Error, Result};
 use crate::export::preview::{preview_row, sheet};
 use crate::methods::method::{Method, ObjectsTraining};
@@ -115,7 +118,6 @@ pub fn train_objects(
             serde_json::to_value(&encoder).map_err(|e| Error::BadConfig { problem: e.to_string() })?;
     }
     observer.phase("reading validation objects", 1);
-    let (device, others) = (options.device.clone(), options.data_parallel.clone());
     let header = CheckpointHeader {
         version: CHECKPOINT_VERSION,
         method: record,
@@ -135,31 +137,50 @@ pub fn train_objects(
         notes: Vec::new(),
     };
     let training_loop = TrainingLoop::new(method, header, options, start);
+    let run = Learning { dataset, training_loop, options, resume_from };
     match training {
         ObjectsTraining::Fields(config) => {
             let config = ObjectsConfig { encoder, ..config.clone() };
-            let mut learner = ObjectsTrainer::new(dataset.clone(), config.clone(), device)?.data_parallel(others);
-            if let (Some(path), None) = (&config.pretrained, resume_from) {
-                learner.start_from(path)?;
-            }
-            observer.progress(1, "");
-            let outcome = training_loop.run(&mut learner, resume_from, observer)?;
-            let model = FieldsModel::from_bytes(config, &outcome.model, &options.device)?;
-            let (objects, broken) = (learner.objects(), learner.broken());
-            Ok(TrainedObjects { model: ObjectModel::Fields(model), outcome, objects, broken })
+            let model =
+                |bytes: &[u8]| FieldsModel::from_bytes(config.clone(), bytes, &options.device).map(ObjectModel::Fields);
+            run.learn::<FieldsTask>(config.clone(), config.pretrained.as_deref(), model, observer)
         }
         ObjectsTraining::System(config) => {
             let config = SystemConfig { encoder, ..config.clone() };
-            let mut learner = SystemTrainer::new(dataset.clone(), config.clone(), device)?.data_parallel(others);
-            if let (Some(path), None) = (&config.pretrained, resume_from) {
-                learner.start_from(path)?;
-            }
-            observer.progress(1, "");
-            let outcome = training_loop.run(&mut learner, resume_from, observer)?;
-            let model = SystemModel::from_bytes(config, &outcome.model, &options.device)?;
-            let (objects, broken) = (learner.objects(), learner.broken());
-            Ok(TrainedObjects { model: ObjectModel::System(model), outcome, objects, broken })
+            let model =
+                |bytes: &[u8]| SystemModel::from_bytes(config.clone(), bytes, &options.device).map(ObjectModel::System);
+            run.learn::<SystemTask>(config.clone(), config.pretrained.as_deref(), model, observer)
         }
+    }
+}
+
+/// What a run takes its steps with, whatever it learns.
+struct Learning<'a> {
+    dataset: &'a Arc<ObjectDataset>,
+    training_loop: TrainingLoop<'a>,
+    options: &'a RunOptions,
+    resume_from: Option<&'a Checkpoint>,
+}
+
+impl Learning<'_> {
+    /// Takes a task through all of its steps; `model` makes what stands for the run of its bytes.
+    fn learn<T: ObjectsTask>(
+        self,
+        config: T::Config,
+        pretrained: Option<&Path>,
+        model: impl FnOnce(&[u8]) -> Result<ObjectModel>,
+        observer: &mut dyn Observer,
+    ) -> Result<TrainedObjects> {
+        let Self { dataset, training_loop, options, resume_from } = self;
+        let others = options.data_parallel.clone();
+        let mut learner = TaskTrainer::<T>::new(dataset.clone(), config, options.device.clone())?.data_parallel(others);
+        if let (Some(path), None) = (pretrained, resume_from) {
+            learner.start_from(path)?;
+        }
+        observer.progress(1, "");
+        let outcome = training_loop.run(&mut learner, resume_from, observer)?;
+        let model = model(&outcome.model)?;
+        Ok(TrainedObjects { model, outcome, objects: learner.objects(), broken: learner.broken() })
     }
 }
 

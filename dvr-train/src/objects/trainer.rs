@@ -1,4 +1,4 @@
-//! Encoder and decoder in training, together: the state and its one step.
+//! A model of many objects in training: the state and its one step, whatever is learned.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -6,70 +6,66 @@ use std::sync::Arc;
 
 use burn::module::Module;
 use burn::optim::ModuleOptimizer;
-use burn::tensor::{Device, Tensor, TensorData};
+use burn::tensor::Device;
 use dvr_core::dataset::ObjectDataset;
-use dvr_model::{Conditioned, ImageModel, load_pretrained};
-use dvr_render::{Field, Query};
-use glam::Vec3;
-
-use super::config::ObjectsConfig;
-use super::draw::{BatchDrawer, ObjectsBatch, Targets};
-use super::loader::Loader;
-use super::model::{image_tensor, rows_tensor, with_surface_at};
-use super::validate::{ValidationView, read_validation_views, validate};
-use crate::error::{Error, Result};
-use crate::learners::adam::adam;
-use crate::learners::batch::PixelBatch;
-use crate::learners::data_parallel::{DataParallel, Part, shares};
-use crate::learners::learner::{Learner, LearnerState};
-use crate::learners::losses;
-use crate::learners::module_state::{module_bytes, module_state, restore_module, restore_optimizer};
-use crate::learners::objective::{StepLoss, step_loss};
-use crate::learners::step_report::{StepReport, StepSettings};
+use dvr_model::load_pretrained;
 use dvr_render::ViewMetrics;
 
+use super::fields_task::FieldsTask;
+use super::loader::Loader;
+use super::task::{ObjectBatch, ObjectsTask, TaskSettings};
+use super::validate::{ValidationView, read_validation_views};
+use crate::error::{Error, Result};
+use crate::learners::adam::adam;
+use crate::learners::data_parallel::{DataParallel, Part, shares};
+use crate::learners::learner::{Learner, LearnerState};
+use crate::learners::module_state::{module_bytes, module_state, restore_module, restore_optimizer};
+use crate::learners::step_report::StepReport;
+
+/// A model of many objects' fields in training.
+pub type ObjectsTrainer = TaskTrainer<FieldsTask>;
+
 /// A model of many objects in training.
-pub struct ObjectsTrainer {
-    config: ObjectsConfig,
+pub struct TaskTrainer<T: ObjectsTask> {
+    task: Arc<T>,
     dataset: Arc<ObjectDataset>,
     devices: DataParallel,
-    drawer: Arc<BatchDrawer>,
     /// Started by the first step, so that a resumed run draws no batch in vain.
-    loader: Option<Loader<ObjectsBatch>>,
+    loader: Option<Loader<T::Batch>>,
     validation_views: Vec<ValidationView>,
     broken_validation: BTreeMap<usize, String>,
     /// The broken objects that have been reported.
     reported: BTreeSet<usize>,
-    model: ImageModel,
+    network: T::Network,
     optimizer: ModuleOptimizer,
     step: usize,
     last: Option<StepReport>,
 }
 
-impl ObjectsTrainer {
+impl<T: ObjectsTask> TaskTrainer<T> {
     /// A model with fresh parameters; `device` is without autodiff. The validation objects are read here.
     ///
     /// # Errors
     /// When the dataset has no training objects.
-    pub fn new(dataset: Arc<ObjectDataset>, config: ObjectsConfig, device: Device) -> Result<Self> {
-        device.seed(config.train.seed);
-        let model = config.image_model().init(&device.clone().autodiff());
-        let drawer = Arc::new(BatchDrawer::new(dataset.clone(), config.clone())?);
+    pub fn new(dataset: Arc<ObjectDataset>, config: T::Config, device: Device) -> Result<Self> {
+        let task = Arc::new(T::new(dataset.clone(), config)?);
+        let TaskSettings { seed, validate_objects, image_size, .. } = task.settings();
+        device.seed(seed);
+        let network = task.network(&device.clone().autodiff());
         let mut broken_validation = BTreeMap::new();
-        let (count, size, seed) = (config.validate_objects, config.encoder.image_size(), config.train.seed);
-        let validation_views = read_validation_views(&dataset, count, size, seed, |object, problem| {
-            broken_validation.insert(object, problem);
-        });
+        let validation_views =
+            read_validation_views(&dataset, validate_objects, image_size, seed, |object, problem| {
+                broken_validation.insert(object, problem);
+            });
         Ok(Self {
-            config,
+            task,
             dataset,
             devices: DataParallel::one(device),
-            drawer,
             loader: None,
             validation_views,
             broken_validation,
             reported: BTreeSet::new(),
-            model,
+            network,
             optimizer: adam(),
             step: 0,
             last: None,
@@ -84,8 +80,8 @@ impl ObjectsTrainer {
     }
 
     /// The configuration.
-    pub fn config(&self) -> &ObjectsConfig {
-        &self.config
+    pub fn config(&self) -> &T::Config {
+        self.task.config()
     }
 
     /// Takes the features of the encoder from a file.
@@ -94,15 +90,15 @@ impl ObjectsTrainer {
     /// When it holds no ResNet-18, or the encoder is none.
     pub fn start_from(&mut self, path: &Path) -> Result<()> {
         let device = self.devices.first().clone().autodiff();
-        let encoder = load_pretrained(self.model.encoder.clone(), path, &device);
-        self.model.encoder =
-            encoder.map_err(|e| Error::Pretrained { path: path.to_owned(), problem: e.to_string() })?;
+        let own = T::encoder(&mut self.network);
+        let encoder = load_pretrained(own.clone(), path, &device);
+        *own = encoder.map_err(|e| Error::Pretrained { path: path.to_owned(), problem: e.to_string() })?;
         Ok(())
     }
 
     /// How many objects are trained on.
     pub fn objects(&self) -> usize {
-        self.drawer.objects().objects()
+        self.task.objects().objects()
     }
 
     /// `category/name` of the objects that could not be used so far, with the reason.
@@ -111,7 +107,7 @@ impl ObjectsTrainer {
     }
 
     fn all_broken(&self) -> BTreeMap<usize, String> {
-        let mut broken = self.drawer.objects().broken();
+        let mut broken = self.task.objects().broken();
         broken.extend(self.broken_validation.clone());
         broken
     }
@@ -122,74 +118,28 @@ impl ObjectsTrainer {
     }
 }
 
-/// The loss of some objects after so many steps: a picture of each is encoded, and what their fields show compared with
-/// the targets.
-fn objects_loss(
-    model: &ImageModel,
-    batch: ObjectsBatch,
-    config: &ObjectsConfig,
-    steps_done: usize,
-    device: &Device,
-) -> StepLoss {
-    let images = image_tensor(&batch.inputs.iter().collect::<Vec<_>>(), device);
-    let rows = rows_tensor(&batch.rows, device);
-    let codes = model.codes(Tensor::from_inner(images), Tensor::from_inner(rows));
-    let frozen = model.decoder.valid().with_codes(codes.clone().inner());
-    let field = model.field(codes);
-    match batch.targets {
-        Targets::Pixels { pixels, owner, noise } => {
-            let config = config.objective();
-            let batch = PixelBatch::of_pixels(pixels, config.sampling().patch_pixels(), None, device);
-            step_loss(&field, &frozen, &batch.with_objects(owner), &noise, &config, steps_done)
-        }
-        Targets::Points { points, inside, owner } => {
-            occupancy_loss(&field, &points, &inside, &owner, &device.clone().autodiff())
-        }
-    }
-}
-
-/// The Occupancy Network objective, a mean over points, in the form of the other targets; the IoU is that of the
-/// points.
-fn occupancy_loss(field: &Conditioned, points: &[Vec3], inside: &[bool], owner: &[i64], device: &Device) -> StepLoss {
-    let n = points.len();
-    let flat: Vec<f32> = points.iter().flat_map(Vec3::to_array).collect();
-    let sign: Vec<f32> = inside.iter().map(|&inside| if inside { 1.0 } else { -1.0 }).collect();
-    let points = Tensor::from_data(TensorData::new(flat, [n, 3]), device);
-    let query = Query { object: Some(rows_tensor(owner, device)), ..Query::new(points) };
-    let logit = field.occupancy_logit(&query);
-    let predicted: Vec<bool> = logit.clone().inner().into_data().iter::<f32>().map(|logit| logit >= 0.0).collect();
-    let count = |holds: fn(bool, bool) -> bool| predicted.iter().zip(inside).filter(|&(&a, &b)| holds(a, b)).count();
-    let (both, either) = (count(|a, b| a && b), count(|a, b| a || b));
-    let total = losses::known_occupancy(logit, Tensor::from_data(TensorData::new(sign, [n]), device)) / n as f64;
-    let mask_iou = if either == 0 { 1.0 } else { both as f64 / either as f64 };
-    StepLoss { terms: vec![("occupancy", total.clone())], total, mask_iou }
-}
-
-impl Learner for ObjectsTrainer {
-    /// One step: draw objects, encode a picture of each, compare what their fields show with the targets.
+impl<T: ObjectsTask> Learner for TaskTrainer<T> {
+    /// One step: draw objects, encode a picture of each, compare what is made of it with what is known.
     ///
     /// All randomness comes from the seed and the step's number: a resumed run draws what an unbroken one would.
     fn step(&mut self) -> Result<StepReport> {
-        let drawer = &self.drawer;
+        let (task, step) = (&self.task, self.step);
         let start = || {
-            let drawer = drawer.clone();
-            Loader::start(move |step| drawer.draw(step), self.step + 1)
+            let task = task.clone();
+            Loader::start(move |step| task.draw(step), step + 1)
         };
-        let loader = self.loader.get_or_insert_with(start);
-        let mut batch = loader.next_batch()?;
-        let whole = batch.targets.len();
-        let parts = shares(batch.rows.len(), self.devices.len()).map(|objects| {
+        let mut batch = self.loader.get_or_insert_with(start).next_batch()?;
+        let whole = batch.weight();
+        let parts = shares(batch.objects(), self.devices.len()).map(|objects| {
             let work = batch.take_first(objects.len());
-            Part { weight: work.targets.len() as f64 / whole as f64, work }
+            Part { weight: work.weight() as f64 / whole as f64, work }
         });
         let parts = parts.collect();
-        let (config, step) = (&self.config, self.step);
-        let learn = |model: &ImageModel, batch, device: &Device| objects_loss(model, batch, config, step, device);
-        let (loss, gradients) = self.devices.learn(&self.model, parts, learn);
-
-        let report = StepReport::of(&loss, StepSettings::of(&self.config.train, self.step), self.last.as_ref())?;
+        let learn = |network: &T::Network, batch, device: &Device| task.loss(network, batch, step, device);
+        let (loss, gradients) = self.devices.learn(&self.network, parts, learn);
+        let report = StepReport::of(&loss, task.step_settings(step), self.last.as_ref())?;
         if let Some(gradients) = gradients {
-            self.model = self.optimizer.step(report.learning_rate, self.model.clone(), gradients);
+            self.network = self.optimizer.step(report.learning_rate, self.network.clone(), gradients);
         }
         self.step += 1;
         self.last = Some(report.clone());
@@ -201,24 +151,23 @@ impl Learner for ObjectsTrainer {
     }
 
     fn total_steps(&self) -> usize {
-        self.config.train.steps
+        self.task.settings().steps
     }
 
     fn validate(&self, pixels: usize) -> Option<ViewMetrics> {
-        let model = with_surface_at(self.model.valid(), self.config.surface_logit());
-        validate(&model, &self.validation_views, pixels, self.devices.first())
+        self.task.validate(self.network.valid(), &self.validation_views, pixels, self.devices.first())
     }
 
     fn model(&self) -> Result<Vec<u8>> {
-        module_bytes(self.model.clone())
+        module_bytes(self.network.clone())
     }
 
     fn state(&self) -> Result<LearnerState> {
-        module_state(self.model.clone(), &self.optimizer)
+        module_state(self.network.clone(), &self.optimizer)
     }
 
     fn resume(&mut self, state: &LearnerState, steps: usize) -> Result<()> {
-        self.model = restore_module(&state.model, self.model.clone())?;
+        self.network = restore_module(&state.model, self.network.clone())?;
         self.optimizer = restore_optimizer(&state.training, self.optimizer.clone())?;
         (self.step, self.loader, self.last) = (steps, None, None);
         Ok(())

@@ -17,7 +17,7 @@ const SAMPLES: usize = 48;
 
 /// A validation view: what the encoder sees of an object, and how the object looks from another side.
 #[derive(Clone, Debug)]
-pub(crate) struct ValidationView {
+pub struct ValidationView {
     /// Place among the training objects, for encoders that know objects by it.
     pub row: i64,
     /// What the encoder sees, where it sees something.

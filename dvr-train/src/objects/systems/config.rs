@@ -3,11 +3,12 @@
 use std::path::PathBuf;
 
 use dvr_core::Supervision;
-use dvr_core::number_range::{NumberRange, OutOfRange, above, check_numbers, nested, real, whole};
+use dvr_core::number_range::{OutOfRange, check_numbers};
 use dvr_model::{EncoderConfig, ShapeDecoderConfig, ShapeModelConfig};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
+use crate::config::{fallen, percent};
 use crate::error::{Error, Result};
 use crate::methods::overrides::{overridden, visible};
 use crate::methods::record::MethodRecord;
@@ -155,33 +156,6 @@ impl SystemConfig {
         }
     }
 
-    /// The range of every number.
-    pub fn ranges() -> Vec<NumberRange> {
-        const STEPS: u64 = 1_000_000_000;
-        let own = vec![
-            whole("seed", 0, u64::MAX),
-            whole("steps", 1, STEPS),
-            whole("code_dim", 1, 4096),
-            whole("objects", 1, 4096),
-            whole("views", 1, 4096),
-            whole("rays", 1, 1 << 22),
-            whole("points", 1, 1 << 20),
-            real("threshold", 0.001, 0.999),
-            above("sharpness", 0.0, 1.0),
-            real("laplacian", 0.0, 1e6),
-            real("flatness", 0.0, 1e6),
-            above("learning_rate", 0.0, 10.0),
-            whole("milestones_percent[]", 0, 100),
-            real("learning_rate_factor", 0.0, 10.0),
-            whole("validate_objects", 0, 1_000_000),
-            whole("validate_every", 1, STEPS),
-            whole("checkpoint_every", 1, STEPS),
-        ];
-        let of_parts =
-            [nested("encoder", EncoderConfig::RANGES), nested("decoder", ShapeDecoderConfig::RANGES)].concat();
-        [own, of_parts].concat()
-    }
-
     /// The configuration as JSON, without what means nothing here.
     pub(crate) fn to_value(&self) -> Result<Value> {
         visible(self, self.system.hidden())
@@ -212,9 +186,8 @@ impl SystemConfig {
 
     /// Adam's step size after so many steps.
     pub(crate) fn learning_rate_at(&self, step: usize) -> f64 {
-        let percent = 100.0 * step as f64 / self.steps.max(1) as f64;
-        let passed = self.milestones_percent.iter().filter(|milestone| f64::from(**milestone) <= percent).count();
-        self.learning_rate * self.learning_rate_factor.powi(passed as i32)
+        let Self { learning_rate, learning_rate_factor, steps, .. } = *self;
+        fallen(learning_rate, learning_rate_factor, &self.milestones_percent, percent(step, steps))
     }
 
     /// Checks that the values make sense together.

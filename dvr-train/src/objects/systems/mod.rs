@@ -16,6 +16,6 @@ pub(crate) mod config;
 mod losses;
 pub(crate) mod model;
 mod targets;
+pub(crate) mod task;
 #[cfg(test)]
 mod tests;
-pub(crate) mod trainer;

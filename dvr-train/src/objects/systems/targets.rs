@@ -1,7 +1,6 @@
 //! What a system learns from: the object's own files, drawn for each step.
 
-use std::collections::HashMap;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
 use dvr_core::dataset::ObjectDataset;
 use dvr_core::{GroundTruth, Supervision, View};
@@ -15,18 +14,16 @@ use super::config::{System, SystemConfig};
 use super::losses::ray_consistency::VoxelRay;
 use super::losses::soft_silhouette::Silhouette;
 use crate::error::{Error, Result};
+use crate::objects::kept::Kept;
 use crate::objects::object_drawer::{DrawnObject, ObjectDrawer};
 use crate::objects::voxel_values::voxel_of;
-
-/// Bytes of shapes that are kept at most; those of further objects are read whenever they are needed.
-const KEPT_BYTES: usize = 512 << 20;
 
 /// Points of an object's surface that are kept: a step draws some of them.
 const KEPT_POINTS: usize = 20_000;
 
 /// What is learned from an object in a step.
 #[derive(Clone, Debug)]
-pub(crate) enum Target {
+pub enum Target {
     /// Points of its surface.
     Points(Vec<Vec3>),
     /// Which voxels it fills.
@@ -39,7 +36,7 @@ pub(crate) enum Target {
 
 /// An object of a step.
 #[derive(Clone, Debug)]
-pub(crate) struct SystemObject {
+pub struct SystemObject {
     /// Its place among the training objects.
     pub row: i64,
     /// What the encoder sees of it.
@@ -50,25 +47,11 @@ pub(crate) struct SystemObject {
 
 /// What a step learns from.
 #[derive(Clone, Debug)]
-pub(crate) struct SystemBatch {
+pub struct SystemBatch {
     /// The objects.
     pub objects: Vec<SystemObject>,
     /// Places in the squares of pieces of surface, as many in each, for about as many points as are compared with them.
     pub places: Vec<[f32; 2]>,
-}
-
-impl SystemBatch {
-    /// The first `count` objects; the others stay.
-    pub fn take_first(&mut self, count: usize) -> Self {
-        Self { objects: self.objects.drain(..count).collect(), places: self.places.clone() }
-    }
-}
-
-/// A true shape, as far as a system needs it.
-#[derive(Clone)]
-enum Known {
-    Points(Arc<Vec<Vec3>>),
-    Voxels(Arc<Vec<bool>>),
 }
 
 /// Draws the objects of each step. Step `k` depends on the seed, `k` and the files, and on nothing else.
@@ -76,7 +59,8 @@ pub(crate) struct SystemDrawer {
     dataset: Arc<ObjectDataset>,
     config: SystemConfig,
     objects: ObjectDrawer,
-    known: Mutex<HashMap<usize, Known>>,
+    surfaces: Kept<Vec<Vec3>>,
+    voxels: Kept<Vec<bool>>,
 }
 
 impl SystemDrawer {
@@ -84,7 +68,7 @@ impl SystemDrawer {
     /// When the dataset has no training objects.
     pub fn new(dataset: Arc<ObjectDataset>, config: SystemConfig) -> Result<Self> {
         let objects = ObjectDrawer::new(dataset.clone(), config.objects, config.seed, config.encoder.image_size())?;
-        Ok(Self { dataset, config, objects, known: Mutex::default() })
+        Ok(Self { dataset, config, objects, surfaces: Kept::default(), voxels: Kept::default() })
     }
 
     /// The objects.
@@ -110,17 +94,16 @@ impl SystemDrawer {
 
     fn target(&self, object: usize, rng: &mut ChaCha8Rng) -> Result<Target> {
         match self.config.system {
-            System::Psgn | System::AtlasNet => match self.known(object)? {
-                Known::Points(all) => {
-                    let draw = |_| all[rng.random_range(0..all.len())];
-                    Ok(Target::Points((0..self.config.points).map(draw).collect()))
-                }
-                Known::Voxels(voxels) => Ok(Target::Voxels(voxels)),
-            },
-            System::R2n2 => match self.known(object)? {
-                Known::Voxels(voxels) => Ok(Target::Voxels(voxels)),
-                Known::Points(all) => Ok(Target::Points(all.to_vec())),
-            },
+            System::Psgn | System::AtlasNet => {
+                let read = || self.known(object, surface, |points| !points.is_empty());
+                let all = self.surfaces.of(object, |points| size_of_val(points.as_slice()), read)?;
+                let draw = |_| all[rng.random_range(0..all.len())];
+                Ok(Target::Points((0..self.config.points).map(draw).collect()))
+            }
+            System::R2n2 => {
+                let read = || self.known(object, voxels, |voxels| voxels.contains(&true));
+                Ok(Target::Voxels(self.voxels.of(object, Vec::len, read)?))
+            }
             System::SoftRas => {
                 let silhouette = |view: View| {
                     let mask = view.mask.clone();
@@ -176,35 +159,15 @@ impl SystemDrawer {
             .collect()
     }
 
-    /// The true shape of an object, read once where there is room.
-    fn known(&self, object: usize) -> Result<Known> {
-        let kept = || self.known.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(known) = kept().get(&object) {
-            return Ok(known.clone());
+    /// What is known of the true shape of an object.
+    fn known<T>(&self, object: usize, of: impl Fn(&GroundTruth) -> T, is_there: impl Fn(&T) -> bool) -> Result<T> {
+        let known = of(&self.dataset.read_ground_truth(object)?);
+        if is_there(&known) {
+            return Ok(known);
         }
-        let truth = self.dataset.read_ground_truth(object)?;
         let path = &self.dataset.objects()[object].path;
-        let known = match self.config.system {
-            System::R2n2 => Known::Voxels(Arc::new(voxels(&truth))),
-            _ => Known::Points(Arc::new(surface(&truth))),
-        };
-        let is_empty = match &known {
-            Known::Points(points) => points.is_empty(),
-            Known::Voxels(voxels) => !voxels.contains(&true),
-        };
-        if is_empty {
-            let remedy = "Systems with 3D supervision need points on the surface; those with 2D supervision do not.";
-            return Err(dvr_core::Error::format(path, "there is no pointcloud.npz, or it is empty", remedy).into());
-        }
-        let bytes = match &known {
-            Known::Points(points) => size_of::<Vec3>() * points.len(),
-            Known::Voxels(voxels) => voxels.len(),
-        };
-        let mut kept = kept();
-        if (kept.len() + 1) * bytes <= KEPT_BYTES {
-            kept.insert(object, known.clone());
-        }
-        Ok(known)
+        let remedy = "Systems with 3D supervision need points on the surface; those with 2D supervision do not.";
+        Err(dvr_core::Error::format(path, "there is no pointcloud.npz, or it is empty", remedy).into())
     }
 }
 

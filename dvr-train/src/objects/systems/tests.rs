@@ -13,7 +13,7 @@ use glam::Vec3;
 
 use super::config::{System, SystemConfig};
 use super::model::SystemModel;
-use super::trainer::SystemTrainer;
+use super::task::SystemTrainer;
 use crate::learners::learner::Learner;
 use crate::objects::shape::Shape;
 

@@ -13,7 +13,7 @@ const ESCAPE_COST: f64 = 1.0;
 
 /// A ray and what its pixel shows.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct VoxelRay {
+pub struct VoxelRay {
     /// In object space; its depth is z-depth.
     pub ray: Ray,
     /// Whether it meets the object.

@@ -12,7 +12,7 @@ const REACH: f64 = 9.2;
 
 /// How the object looks from one side.
 #[derive(Clone, Debug)]
-pub(crate) struct Silhouette {
+pub struct Silhouette {
     /// In object space.
     pub camera: Camera,
     /// Which pixels show it.

@@ -1,0 +1,142 @@
+//! Fields of many objects: what DVR and Occupancy Networks learn by.
+
+use std::sync::Arc;
+
+use burn::module::Module;
+use burn::tensor::{Device, Tensor, TensorData};
+use dvr_core::dataset::ObjectDataset;
+use dvr_model::{Conditioned, Encoder, ImageModel};
+use dvr_render::{Field, Query, ViewMetrics};
+use glam::Vec3;
+
+use super::config::ObjectsConfig;
+use super::draw::{BatchDrawer, ObjectsBatch, Targets};
+use super::model::{image_tensor, rows_tensor, with_surface_at};
+use super::object_drawer::ObjectDrawer;
+use super::task::{ObjectBatch, ObjectsTask, TaskSettings};
+use super::validate::{ValidationView, validate};
+use crate::error::Result;
+use crate::learners::batch::PixelBatch;
+use crate::learners::losses;
+use crate::learners::objective::{StepLoss, step_loss};
+use crate::learners::step_report::StepSettings;
+
+/// A network that makes a field of each object.
+pub struct FieldsTask {
+    config: ObjectsConfig,
+    drawer: BatchDrawer,
+}
+
+impl ObjectsTask for FieldsTask {
+    type Config = ObjectsConfig;
+    type Network = ImageModel;
+    type Batch = ObjectsBatch;
+
+    fn new(dataset: Arc<ObjectDataset>, config: ObjectsConfig) -> Result<Self> {
+        Ok(Self { drawer: BatchDrawer::new(dataset, config.clone())?, config })
+    }
+
+    fn config(&self) -> &ObjectsConfig {
+        &self.config
+    }
+
+    fn settings(&self) -> TaskSettings {
+        TaskSettings {
+            seed: self.config.train.seed,
+            steps: self.config.train.steps,
+            validate_objects: self.config.validate_objects,
+            image_size: self.config.encoder.image_size(),
+        }
+    }
+
+    fn objects(&self) -> &ObjectDrawer {
+        self.drawer.objects()
+    }
+
+    fn network(&self, device: &Device) -> ImageModel {
+        self.config.image_model().init(device)
+    }
+
+    fn encoder(network: &mut ImageModel) -> &mut Encoder {
+        &mut network.encoder
+    }
+
+    fn draw(&self, step: usize) -> Result<ObjectsBatch> {
+        self.drawer.draw(step)
+    }
+
+    fn step_settings(&self, steps_done: usize) -> StepSettings {
+        StepSettings::of(&self.config.train, steps_done)
+    }
+
+    fn loss(&self, network: &ImageModel, batch: ObjectsBatch, steps_done: usize, device: &Device) -> StepLoss {
+        objects_loss(network, batch, &self.config, steps_done, device)
+    }
+
+    fn validate(
+        &self,
+        network: ImageModel,
+        views: &[ValidationView],
+        pixels: usize,
+        device: &Device,
+    ) -> Option<ViewMetrics> {
+        validate(&with_surface_at(network, self.config.surface_logit()), views, pixels, device)
+    }
+}
+
+impl ObjectBatch for ObjectsBatch {
+    fn objects(&self) -> usize {
+        self.rows.len()
+    }
+
+    fn weight(&self) -> usize {
+        self.targets.len()
+    }
+
+    fn take_first(&mut self, count: usize) -> Self {
+        Self::take_first(self, count)
+    }
+}
+
+/// The loss of some objects after so many steps: a picture of each is encoded, and what their fields show compared with
+/// the targets.
+fn objects_loss(
+    model: &ImageModel,
+    batch: ObjectsBatch,
+    config: &ObjectsConfig,
+    steps_done: usize,
+    device: &Device,
+) -> StepLoss {
+    let images = image_tensor(&batch.inputs.iter().collect::<Vec<_>>(), device);
+    let rows = rows_tensor(&batch.rows, device);
+    let codes = model.codes(Tensor::from_inner(images), Tensor::from_inner(rows));
+    let frozen = model.decoder.valid().with_codes(codes.clone().inner());
+    let field = model.field(codes);
+    match batch.targets {
+        Targets::Pixels { pixels, owner, noise } => {
+            let config = config.objective();
+            let batch = PixelBatch::of_pixels(pixels, config.sampling().patch_pixels(), None, device);
+            step_loss(&field, &frozen, &batch.with_objects(owner), &noise, &config, steps_done)
+        }
+        Targets::Points { points, inside, owner } => {
+            occupancy_loss(&field, &points, &inside, &owner, &device.clone().autodiff())
+        }
+    }
+}
+
+/// The Occupancy Network objective, a mean over points, in the form of the other targets; the IoU is that of the
+/// points.
+fn occupancy_loss(field: &Conditioned, points: &[Vec3], inside: &[bool], owner: &[i64], device: &Device) -> StepLoss {
+    let n = points.len();
+    let flat: Vec<f32> = points.iter().flat_map(Vec3::to_array).collect();
+    let sign: Vec<f32> = inside.iter().map(|&inside| if inside { 1.0 } else { -1.0 }).collect();
+    let points = Tensor::from_data(TensorData::new(flat, [n, 3]), device);
+    let query = Query { object: Some(rows_tensor(owner, device)), ..Query::new(points) };
+    let logit = field.occupancy_logit(&query);
+    let predicted: Vec<bool> = logit.clone().inner().into_data().iter::<f32>().map(|logit| logit >= 0.0).collect();
+    let count = |holds: fn(bool, bool) -> bool| predicted.iter().zip(inside).filter(|&(&a, &b)| holds(a, b)).count();
+    let (both, either) = (count(|a, b| a && b), count(|a, b| a || b));
+    let total = losses::known_occupancy(logit, Tensor::from_data(TensorData::new(sign, [n]), device)) / n as f64;
+    let mask_iou = if either == 0 { 1.0 } else { both as f64 / either as f64 };
+    StepLoss { terms: vec![("occupancy", total.clone())], total, mask_iou }
+}
