@@ -1,6 +1,6 @@
 //! Shapes as occupancies of voxels.
 
-use burn::module::Module;
+use burn::module::{Module, Param};
 use burn::nn::{Initializer, Linear, LinearConfig};
 use burn::tensor::activation::relu;
 use burn::tensor::{Device, Tensor};
@@ -46,11 +46,9 @@ impl VoxelDecoder {
             up0: Doubling::new(16 * width, 4 * width, device),
             up1: Doubling::new(4 * width, width, device),
             up2: Doubling {
-                taps: Linear {
-                    weight: Initializer::Normal { mean: 0.0, std: LAST_DEVIATION / (8.0 * width as f64).sqrt() }
-                        .init([8 * width, 8], device),
-                    bias: Some(Initializer::Constant { value: FIRST_LOGIT }.init([8], device)),
-                },
+                taps: Initializer::Normal { mean: 0.0, std: LAST_DEVIATION / (8.0 * width as f64).sqrt() }
+                    .init([8 * width, 8], device),
+                bias: Initializer::Constant { value: FIRST_LOGIT }.init([1], device),
             },
         }
     }
@@ -67,20 +65,24 @@ impl VoxelDecoder {
     }
 }
 
-/// A transposed convolution of 4^3 taps, stride 2 and padding 1, with a bias for each place in a block.
+/// A transposed convolution of 4^3 taps, stride 2 and padding 1.
 ///
 /// What it makes between the middles of eight neighbouring voxels, a block of 2^3, depends on these eight alone: so it is one
 /// product of matrices, which is many times faster than burn's general convolutions in three dimensions and their gradients.
 #[derive(Module, Debug)]
 pub struct Doubling {
     /// Eight voxels to the eight between them, `[8 input, 8 output]`: z, y and x slowest to fastest, channels last.
-    pub taps: Linear,
+    pub taps: Param<Tensor<2>>,
+    /// Of each channel, `[output]`. One for each of the eight places would let a lattice of single voxels stop all rays.
+    pub bias: Param<Tensor<1>>,
 }
 
 impl Doubling {
     fn new(input: usize, output: usize, device: &Device) -> Self {
-        let taps = LinearConfig::new(8 * input, 8 * output).with_initializer(for_relu(8 * input));
-        Self { taps: taps.init(device) }
+        Self {
+            taps: for_relu(8 * input).init([8 * input, 8 * output], device),
+            bias: Initializer::Zeros.init([output], device),
+        }
     }
 
     /// From `[b, n, n, n, input]` to `[b, 2n, 2n, 2n, output]`.
@@ -94,13 +96,14 @@ impl Doubling {
             let [z, y, x] = [corner >> 2, corner >> 1 & 1, corner & 1].map(|at| at..at + blocks);
             padded.clone().slice([0..objects, z, y, x, 0..channels])
         };
-        let made = self.taps.forward(Tensor::cat((0..8).map(corner).collect(), 4));
-        let output = made.dims()[4] / 8;
-        let made = made.reshape([objects, blocks, blocks, blocks, 2, 2, 2, output]);
+        let around = Tensor::cat((0..8).map(corner).collect(), 4).reshape([objects * blocks.pow(3), 8 * channels]);
+        let output = self.bias.dims()[0];
+        let made = around.matmul(self.taps.val()).reshape([objects, blocks, blocks, blocks, 2, 2, 2, output]);
         let made = made.permute([0, 1, 4, 2, 5, 3, 6, 7]);
         let made = made.reshape([objects, 2 * blocks, 2 * blocks, 2 * blocks, output]);
         let inner = 1..2 * blocks - 1;
-        made.slice([0..objects, inner.clone(), inner.clone(), inner, 0..output])
+        let made = made.slice([0..objects, inner.clone(), inner.clone(), inner, 0..output]);
+        made + self.bias.val().reshape([1, 1, 1, 1, output])
     }
 }
 
@@ -116,12 +119,13 @@ mod tests {
     fn doubling_is_a_transposed_convolution() {
         let device = Device::flex();
         let (input, output, n) = (3, 2, 4);
-        let doubling = Doubling::new(input, output, &device);
+        let mut doubling = Doubling::new(input, output, &device);
+        doubling.bias = Initializer::Constant { value: 0.3 }.init([output], &device);
         let net = Tensor::<5>::random([2, n, n, n, input], Distribution::Default, &device);
         let made = doubling.forward(net.clone());
         // Of a block's voxels, the one at 0 lies nearest to the first of the eight around it: its tap is the third of four, that
         // of the second the first.
-        let taps: Vec<f32> = doubling.taps.weight.val().into_data().iter::<f32>().collect();
+        let taps: Vec<f32> = doubling.taps.val().into_data().iter::<f32>().collect();
         let mut weight = vec![0f32; input * output * 64];
         for (row, from) in (0..8).flat_map(|corner| (0..input).map(move |channel| (corner, channel))).enumerate() {
             for (column, to) in (0..8).flat_map(|place| (0..output).map(move |channel| (place, channel))).enumerate() {
@@ -138,10 +142,9 @@ mod tests {
         let weight = Tensor::<1>::from_floats(weight.as_slice(), &device).reshape([input, output, 4, 4, 4]);
         let options = ConvTransposeOptions::new([2; 3], [1; 3], [0; 3], [1; 3], 1);
         let channels_first = net.permute([0, 4, 1, 2, 3]);
-        let expected = conv_transpose3d(channels_first, weight, None, options).permute([0, 2, 3, 4, 1]);
-        // Without the biases, which differ by the place in a block: zeros make them alone.
-        let biases = doubling.forward(Tensor::zeros([2, n, n, n, input], &device));
-        let off = (made - biases - expected).abs().max().into_scalar::<f32>();
+        let expected =
+            conv_transpose3d(channels_first, weight, Some(doubling.bias.val()), options).permute([0, 2, 3, 4, 1]);
+        let off = (made - expected).abs().max().into_scalar::<f32>();
         assert!(off < 1e-5, "{off}");
     }
 }
