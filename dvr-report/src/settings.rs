@@ -56,17 +56,18 @@ mod tests {
 
     #[test]
     fn only_what_differs_from_the_methods_defaults_is_listed() {
-        let settings = |name: &str, changes: Value| {
-            let method = method_by_name(name, Supervision::RgbDepth).unwrap().overridden(&changes).unwrap();
-            Settings::new(&method.record().unwrap(), Supervision::RgbDepth).unwrap()
+        let settings = |name: &str, supervision: Supervision, changes: Value| {
+            let method = method_by_name(name, supervision).unwrap().overridden(&changes).unwrap();
+            Settings::new(&method.record().unwrap(), supervision).unwrap()
         };
-        for name in METHODS.iter().map(|entry| entry.name) {
-            let defaults = settings(name, json!({}));
-            assert_eq!((defaults.preset.as_str(), defaults.changed.len()), (name, 0));
+        for entry in METHODS {
+            for &supervision in entry.supervisions {
+                let defaults = settings(entry.name, supervision, json!({}));
+                assert_eq!((defaults.preset.as_str(), defaults.changed.len()), (entry.name, 0), "{supervision:?}");
+            }
         }
-        let mut changed =
-            settings("grid", json!({"seed": 7, "capacity": {"cells": 64}, "losses": {"mask": {"weight": 3.0}}}))
-                .changed;
+        let changes = json!({"seed": 7, "capacity": {"cells": 64}, "losses": {"mask": {"weight": 3.0}}});
+        let mut changed = settings("grid", Supervision::RgbDepth, changes).changed;
         changed.sort();
         let keys: Vec<&str> = changed.iter().map(|[key, ..]| key.as_str()).collect();
         assert_eq!(keys, ["capacity", "losses.mask.weight", "seed"]);
