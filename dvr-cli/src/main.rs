@@ -84,6 +84,7 @@ fn run(command: Command, cancellation: &Cancellation) -> anyhow::Result<ExitCode
         Command::Render(args) => commands::render::run(&args, cancellation),
         Command::Eval(args) => commands::eval::run(&args, cancellation),
         Command::Report(args) => commands::report::run(&args, cancellation),
+        Command::Paper(args) => commands::paper::run(&args, cancellation),
         Command::Bench(args) => commands::bench::run(&args, cancellation),
         Command::Stress(args) => commands::stress::run(&args, cancellation),
         Command::Synth(args) => commands::synth::run(&args, cancellation),

@@ -8,7 +8,9 @@ use std::process::Command;
 use dvr_core::mesh::{Mesh, read_mesh, shapes, write_mesh};
 use dvr_core::sampling::sample_surface;
 use dvr_test_support::test_with;
-use support::{dvr, refuses, succeeds, text};
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use support::{Tiny, dvr, refuses, succeeds, text};
 use tempfile::TempDir;
 
 /// Points of a ball, with normals where they are asked for.
@@ -55,5 +57,38 @@ fn what_cannot_become_a_surface_is_refused() {
         .output()
         .unwrap();
     refuses(&alone, &["`colmap`, which makes surfaces of points", "apt install colmap"]);
+    assert!(!out.exists());
+}
+
+/// A ball whose vertices have colours at random, from forty sides.
+fn speckled() -> Tiny {
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    let ball = shapes::icosphere(5, 1.0);
+    let colors = ball.vertices.iter().map(|_| [0; 3].map(|_: i32| rng.random_range(0.0..1.0))).collect();
+    Tiny::rendered(Mesh { colors: Some(colors), ..ball }, 40, 96)
+}
+
+#[test_with(colmap)]
+fn a_scene_becomes_a_surface_by_its_stereo_depth_maps() {
+    let tiny = speckled();
+    let (scene, out, cloud) = (tiny.scene(), tiny.path("surface.ply"), tiny.path("cloud.ply"));
+    let args = ["points2mesh", text(&scene), "--out", text(&out), "--cloud-out", text(&cloud)];
+    let said = succeeds(&dvr(&[&args[..], &["--depth", "6", "--colmap-threads", "1"]].concat()));
+    assert!(said.contains("stereo found") && said.contains("points became"), "{said}");
+    let points = read_mesh(&cloud).unwrap().mesh;
+    assert!(points.vertices.len() > 5000 && points.normals.is_some() && points.colors.is_some());
+    let iou = tiny.volume_iou(&out);
+    assert!(iou > 0.8, "{iou}");
+}
+
+#[test]
+fn scenes_without_depths_and_clouds_with_a_second_output_are_refused() {
+    let tiny = Tiny::new();
+    let (scene, out, second) = (tiny.scene(), tiny.path("surface.ply"), tiny.path("c.ply"));
+    refuses(&dvr(&["points2mesh", text(&scene), "--out", text(&out), "--views", "3"]), &["no depths", "3 photographs"]);
+    let cloud = ball(&tiny.folder, true);
+    let args = ["points2mesh", text(&cloud), "--out", text(&out), "--cloud-out", text(&second)];
+    refuses(&dvr(&args), &["--cloud-out", "ball.ply"]);
+    refuses(&dvr(&["points2mesh", text(&scene), "--out", text(&out), "--cloud-out", "/tmp/c.obj"]), &["c.obj", ".ply"]);
     assert!(!out.exists());
 }

@@ -26,6 +26,8 @@ pub enum FolderKind {
     Cameras,
     /// Masks of photographs.
     Masks,
+    /// A table of the publication, with its runs.
+    PaperTable,
 }
 
 impl fmt::Display for FolderKind {
@@ -40,6 +42,7 @@ impl fmt::Display for FolderKind {
             Self::Evaluation => "an evaluation",
             Self::Cameras => "cameras of photographs",
             Self::Masks => "masks of photographs",
+            Self::PaperTable => "a table of the paper",
         })
     }
 }

@@ -48,5 +48,6 @@ pub use curves::Curves;
 pub use diagnostics::Diagnostic;
 pub use error::{Error, Result};
 pub use page::{Page, Section, table};
+pub use pictures::jpeg;
 pub use report::{ReportWords, SourceRun, run_report};
 pub use run_section::Remedy;

@@ -10,6 +10,7 @@ mod known_length;
 mod masks;
 mod mesh;
 mod method;
+mod paper;
 mod points2mesh;
 mod predict;
 mod preset;
@@ -36,6 +37,7 @@ pub use mesh::{Colors, ContourName, MeshArgs, MeshingArgs, SurfaceArgs};
 pub use method::CapacityArg;
 #[cfg(test)]
 pub use method::MethodName;
+pub use paper::{PaperArgs, PaperTable};
 pub use points2mesh::Points2MeshArgs;
 pub use predict::PredictArgs;
 pub use preset::PresetArg;
@@ -95,6 +97,8 @@ pub enum Command {
     Bench(BenchArgs),
     /// Test where methods fail: one difficulty at a time in shape, texture, views, masks, cameras or pictures
     Stress(StressArgs),
+    /// Make a table of the publication with the data that you have, published figures beside yours
+    Paper(PaperArgs),
     /// Render meshes into a ShapeNet-style dataset with images, masks, depth, cameras and ground truth
     Synth(SynthArgs),
     /// Write a run's network as safetensors, with PyTorch names and layout

@@ -6,13 +6,16 @@ use clap::Args;
 use dvr_sfm::PoissonOptions;
 
 use super::faces::{FaceBudget, parse_faces};
+use super::scene::SceneArgs;
 use super::values::within;
 
 /// Arguments of `dvr points2mesh`.
 #[derive(Args, Debug)]
 #[command(after_long_help = AFTER_HELP)]
 pub struct Points2MeshArgs {
-    /// Points with outward normals (nx, ny, nz) and, if known, colours: PLY; of a mesh, the vertices
+    /// Points with outward normals (nx, ny, nz) and, if known, colours: PLY; of a mesh, the vertices. Or a scene (its folder or
+    /// cameras file), whose points are those of the stereo depth maps that `dvr train` starts from
+    #[arg(value_name = "CLOUD|SCENE")]
     pub cloud: PathBuf,
     /// Output file: .ply, .glb or .obj
     #[arg(long, short, value_name = "FILE")]
@@ -20,6 +23,9 @@ pub struct Points2MeshArgs {
     /// Replace the file at --out
     #[arg(long)]
     pub overwrite: bool,
+    /// Also write the points of a scene, with normals and colours: .ply
+    #[arg(long, value_name = "FILE")]
+    pub cloud_out: Option<PathBuf>,
     /// Cut away what lies where the octree of the points is less deep than this: 0 keeps all and closes the surface; papers
     /// take 5 and 7 too [0 to 20]
     #[arg(long, default_value_t = 0.0, value_parser = within(0.0f64, 20.0), value_name = "DEPTH")]
@@ -39,11 +45,14 @@ pub struct Points2MeshArgs {
     /// Threads of COLMAP [1 to 1024; default: all]
     #[arg(long, value_name = "N", value_parser = within(1usize, 1024))]
     pub colmap_threads: Option<usize>,
+    #[command(flatten)]
+    pub reading: SceneArgs,
 }
 
 const AFTER_HELP: &str = "Examples:
   dvr points2mesh fused.ply --out surface.ply
   dvr points2mesh furu024_l3.ply --trim 7 --out surface.glb
+  dvr points2mesh SCENE --trim 7 --out surface.ply
   dvr eval surface.ply --protocol dtu --reference DTU --scan 24
 
 Screened Poisson reconstruction (Kazhdan and Hoppe 2013) by the authors' code, which COLMAP has; COLMAP must be installed. \

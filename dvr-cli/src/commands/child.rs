@@ -1,7 +1,8 @@
 //! Running this program again as a child, which is ended with it.
 
-use std::io::Read;
+use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::mpsc::channel;
 use std::thread::{sleep, spawn};
 use std::time::Duration;
 
@@ -25,17 +26,41 @@ pub struct EndedChild {
 /// # Errors
 /// When it cannot be started.
 pub fn run_child(command: &mut Command, cancellation: &Cancellation) -> Result<EndedChild> {
+    run_child_heard(command, cancellation, &mut |_| {})
+}
+
+/// [`run_child`], with each line that the child writes to standard error as it comes.
+///
+/// # Errors
+/// When it cannot be started.
+pub fn run_child_heard(
+    command: &mut Command,
+    cancellation: &Cancellation,
+    hear: &mut dyn FnMut(&str),
+) -> Result<EndedChild> {
     let _shield = cancellation.shield();
     let mut child = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped()).spawn()?;
-    let mut stderr = child.stderr.take().context("the child has no standard error")?;
+    let stderr = child.stderr.take().context("the child has no standard error")?;
+    let (sender, lines) = channel();
     let reader = spawn(move || {
-        let mut said = Vec::new();
+        let mut stderr = BufReader::new(stderr);
+        let mut line = Vec::new();
         // What was read before an error is worth having.
-        let _ = stderr.read_to_end(&mut said);
-        String::from_utf8_lossy(&said).into_owned()
+        while stderr.read_until(b'\n', &mut line).is_ok_and(|read| read > 0) {
+            if sender.send(String::from_utf8_lossy(&line).into_owned()).is_err() {
+                return;
+            }
+            line.clear();
+        }
     });
+    let mut said = String::new();
+    let mut take = |line: String| {
+        hear(line.trim_end());
+        said += &line;
+    };
     let mut asked = false;
     let status = loop {
+        lines.try_iter().for_each(&mut take);
         if let Some(status) = child.try_wait()? {
             break status;
         }
@@ -44,7 +69,10 @@ pub fn run_child(command: &mut Command, cancellation: &Cancellation) -> Result<E
         }
         sleep(LOOK_EVERY);
     };
-    Ok(EndedChild { status, said: reader.join().unwrap_or_default() })
+    lines.iter().for_each(&mut take);
+    // It has read to the end: nothing is sent any more.
+    let _ = reader.join();
+    Ok(EndedChild { status, said })
 }
 
 /// Asks a child to save and end. One that ended meanwhile does not hear it.

@@ -21,6 +21,7 @@ mod mesh_line;
 mod meshing;
 mod method_of_args;
 mod notes;
+pub mod paper;
 pub mod points2mesh;
 mod points_table;
 pub mod pose_sets;

@@ -39,11 +39,10 @@ case $command in
         echo axis > "$out/results.csv"
         echo svg > "$out/charts/views.svg"
         ;;
-    eval)
+    paper)
         mkdir -p "$out"
-        echo "{}" > "$out/objects.jsonl"
-        printf 'table of objects\n' > "$out/summary.md"
-        echo predictor > "$out/summary.csv"
+        printf 'table of objects\n' > "$out/table.md"
+        echo row > "$out/table.csv"
         ;;
     train) mkdir -p "$out" ;;
     synth) mkdir -p "$out" ;;

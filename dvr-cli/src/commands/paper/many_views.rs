@@ -1,0 +1,103 @@
+//! The tables of many views: benchmarks of the paper's network with other settings, beside today's methods.
+
+use std::process::ExitCode;
+
+use anyhow::{Result, bail};
+use clap::Parser;
+use dvr_core::Cancellation;
+
+use crate::args::{Cli, Command, PaperArgs, PaperTable};
+use crate::commands::bench;
+
+/// CPU minutes of the paper's network on one scene of 64 pixels, 600 steps; what other methods take is little beside it.
+const MINUTES: f64 = 2.5;
+
+/// Carries out the benchmark, or says what it is.
+pub fn run(args: &PaperArgs, cancellation: &Cancellation) -> Result<ExitCode> {
+    if !args.rows.is_empty() || args.steps.is_some() || args.by_heart.is_some() {
+        bail!(
+            "--rows, --steps and --by-heart are for --table shapenet; compare other settings with `dvr bench --variant`"
+        );
+    }
+    let arguments = arguments(args);
+    let runs = args.data.len() as f64 * args.seeds as f64 * trainings(args.table);
+    eprintln!("dvr {}", shlex::try_join(arguments.iter().map(String::as_str)).unwrap_or_default());
+    eprintln!("about {:.0} CPU minutes for scenes of 64 pixels, more for larger ones", MINUTES * runs);
+    if args.plan {
+        return Ok(ExitCode::SUCCESS);
+    }
+    let all = ["dvr".to_owned()].into_iter().chain(arguments);
+    let Command::Bench(benchmark) = Cli::try_parse_from(all)?.command else { bail!("no benchmark") };
+    bench::run(&benchmark, cancellation)
+}
+
+/// How many trainings of the paper's network a table has for each scene and seed.
+fn trainings(table: PaperTable) -> f64 {
+    match table {
+        PaperTable::Samples => 5.0,
+        PaperTable::Smoothness | PaperTable::Depth | PaperTable::Shapenet => 3.0,
+    }
+}
+
+/// The benchmark of a table, as arguments of the program.
+fn arguments(args: &PaperArgs) -> Vec<String> {
+    let mut arguments = vec!["bench".to_owned()];
+    arguments.extend(args.data.iter().map(|path| path.to_string_lossy().into_owned()));
+    let mut add = |parts: &[&str]| arguments.extend(parts.iter().map(ToString::to_string));
+    match args.table {
+        PaperTable::Samples => {
+            add(&["--methods", "classic"]);
+            for samples in [16, 32, 64, 128] {
+                let march = format!(r#"march=[{{"from_percent":0,"samples":{samples}}}]"#);
+                add(&["--variant", &format!("samples-{samples}:method=classic,{march}")]);
+            }
+        }
+        PaperTable::Smoothness => {
+            add(&["--methods", "classic"]);
+            for weight in ["0", "1"] {
+                add(&["--variant", &format!("smooth-{weight}:method=classic,losses.normal={weight}")]);
+            }
+        }
+        PaperTable::Depth | PaperTable::Shapenet => {
+            add(&["--methods", "classic,network,grid", "--supervision", "rgb,depth,rgb+depth"]);
+        }
+    }
+    add(&["--seeds", &args.seeds.to_string(), "--out", &args.out.to_string_lossy()]);
+    arguments
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::PathBuf;
+
+    use super::*;
+
+    #[test]
+    fn every_table_of_many_views_is_a_benchmark_whose_settings_exist() {
+        for table in [PaperTable::Samples, PaperTable::Smoothness, PaperTable::Depth] {
+            let args = PaperArgs {
+                table,
+                data: vec![PathBuf::from("a scene"), PathBuf::from("b")],
+                out: PathBuf::from("out"),
+                seeds: 2,
+                plan: false,
+                rows: Vec::new(),
+                steps: None,
+                resolution: 64,
+                by_heart: None,
+            };
+            let all = ["dvr".to_owned()].into_iter().chain(arguments(&args));
+            let Command::Bench(benchmark) = Cli::try_parse_from(all).unwrap().command else { panic!("no benchmark") };
+            assert_eq!((benchmark.scenes.len(), benchmark.seeds), (2, 2));
+            for variant in benchmark.variants() {
+                let settings: Vec<&str> = variant.settings.iter().flat_map(|setting| ["--set", setting]).collect();
+                let train = ["dvr", "train", "a", "--out", "b", "--method", &variant.method];
+                let Command::Train(train) = Cli::try_parse_from(train.into_iter().chain(settings)).unwrap().command
+                else {
+                    panic!("no training")
+                };
+                crate::commands::method_of_args::method_of_args(&train, false).unwrap().check().unwrap();
+            }
+        }
+    }
+}

@@ -1,0 +1,24 @@
+//! `dvr paper`: the publication's tables, on the data that there is.
+
+mod by_heart;
+mod many_views;
+mod pictures;
+mod row;
+mod single_pictures;
+mod systems;
+mod table;
+
+use std::process::ExitCode;
+
+use anyhow::Result;
+use dvr_core::Cancellation;
+
+use crate::args::{PaperArgs, PaperTable};
+
+/// Makes a table, or says what that takes.
+pub fn run(args: &PaperArgs, cancellation: &Cancellation) -> Result<ExitCode> {
+    match args.table {
+        PaperTable::Shapenet => single_pictures::run(args, cancellation),
+        PaperTable::Samples | PaperTable::Smoothness | PaperTable::Depth => many_views::run(args, cancellation),
+    }
+}
