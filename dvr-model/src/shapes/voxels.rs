@@ -14,7 +14,7 @@ const COARSEST: usize = 4;
 /// empty, no ray would see beyond the first, and all would be emptied before anything is learned.
 const FIRST_LOGIT: f64 = -3.5;
 
-/// How much fresh voxels differ: where single ones stop rays by chance, a sponge is learned.
+/// How much fresh voxels differ.
 const LAST_DEVIATION: f64 = 0.1;
 
 /// A code as occupancies of 32^3 voxels: three transposed convolutions that double the resolution, from 4^3 on, the last to
@@ -46,8 +46,11 @@ impl VoxelDecoder {
             up0: Doubling::new(16 * width, 4 * width, device),
             up1: Doubling::new(4 * width, width, device),
             up2: Doubling {
-                taps: Initializer::Normal { mean: 0.0, std: LAST_DEVIATION / (8.0 * width as f64).sqrt() }
-                    .init([8 * width, 8], device),
+                taps: smooth_taps(
+                    &Initializer::Normal { mean: 0.0, std: LAST_DEVIATION / (width as f64).sqrt() },
+                    [width, 1],
+                    device,
+                ),
                 bias: Initializer::Constant { value: FIRST_LOGIT }.init([1], device),
             },
         }
@@ -77,10 +80,28 @@ pub struct Doubling {
     pub bias: Param<Tensor<1>>,
 }
 
+/// Taps that start as an interpolation of the eight voxels around a place, between `channels` of input and output that are
+/// mixed at random (Long et al. 2015, section 3.3; against checkerboards Aitken et al. 2017). Where each of the eight places
+/// of a block starts with taps of its own, the one that rises first stops all rays, and a lattice of single voxels is learned
+/// from silhouettes.
+fn smooth_taps(mixing: &Initializer, channels: [usize; 2], device: &Device) -> Param<Tensor<2>> {
+    let [input, output] = channels;
+    let mixing: Param<Tensor<2>> = mixing.init([input, output], device);
+    let share = |corner: usize, place: usize| {
+        let of_axis = |axis: usize| if corner >> axis & 1 == place >> axis & 1 { 0.75 } else { 0.25 };
+        (0..3).map(of_axis).product::<f32>()
+    };
+    let shares: Vec<f32> = (0..8).flat_map(|corner| (0..8).map(move |place| share(corner, place))).collect();
+    let shares = Tensor::<1>::from_floats(shares.as_slice(), device).reshape([8, 1, 8, 1]);
+    let taps = mixing.val().reshape([1, input, 1, output]) * shares;
+    // By its data: a parameter is no result of other tensors.
+    Param::from_tensor(Tensor::from_data(taps.reshape([8 * input, 8 * output]).into_data(), device))
+}
+
 impl Doubling {
     fn new(input: usize, output: usize, device: &Device) -> Self {
         Self {
-            taps: for_relu(8 * input).init([8 * input, 8 * output], device),
+            taps: smooth_taps(&for_relu(input), [input, output], device),
             bias: Initializer::Zeros.init([output], device),
         }
     }
