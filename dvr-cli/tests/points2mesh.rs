@@ -89,6 +89,7 @@ fn scenes_without_depths_and_clouds_with_a_second_output_are_refused() {
     let cloud = ball(&tiny.folder, true);
     let args = ["points2mesh", text(&cloud), "--out", text(&out), "--cloud-out", text(&second)];
     refuses(&dvr(&args), &["--cloud-out", "ball.ply"]);
+    refuses(&dvr(&["points2mesh", text(&cloud), "--out", text(&out), "--views", "3"]), &["photographs", "ball.ply"]);
     refuses(&dvr(&["points2mesh", text(&scene), "--out", text(&out), "--cloud-out", "/tmp/c.obj"]), &["c.obj", ".ply"]);
     assert!(!out.exists());
 }

@@ -3,14 +3,9 @@
 use glam::{Vec2, Vec3};
 
 use crate::mesh::Mesh;
-use crate::metrics::depth_maps::StereoDepth;
+use crate::metrics::depth_maps::{MAX_STEP, StereoDepth};
 use crate::scene::View;
-
-/// Sides of a pixel that depths of one surface differ by, at most, from pixel to pixel.
-const MAX_STEP: f32 = 3.0;
-
-/// Least cosine between the way to the camera and the normal: what is seen at a flatter angle has a depth of little worth.
-const MIN_COSINE: f32 = 0.17;
+use crate::visibility::MIN_COSINE;
 
 /// A vertex for each pixel that has a depth and, beside and above or below it, neighbours on the same surface: these give its
 /// normal, which looks to the camera. Positions are in object space, colours those of the photographs; there are no faces.
@@ -63,43 +58,25 @@ fn oriented_point(map: &StereoDepth, x: u32, y: u32) -> Option<(Vec3, Vec3)> {
     let normal = along(1, 0)?.cross(along(0, 1)?).try_normalize()?;
     let to_camera = (camera.center - here).normalize();
     let facing = if normal.dot(to_camera) < 0.0 { -normal } else { normal };
-    (facing.dot(to_camera) > MIN_COSINE).then_some((here, facing))
+    (f64::from(facing.dot(to_camera)) >= MIN_COSINE).then_some((here, facing))
 }
 
 #[cfg(test)]
 mod tests {
-    use glam::DVec3;
-
     use super::*;
-    use crate::camera::Camera;
-    use crate::pinhole::Pinhole;
-    use crate::raster::DepthMap;
+    use crate::metrics::depth_maps::ball::{RADIUS, depth_maps};
 
     #[test]
-    fn a_ball_that_is_seen_from_two_sides_becomes_points_with_outward_normals() {
-        let radius = 0.4;
-        let map = |i: usize| {
-            let eye = if i == 0 { DVec3::new(0.0, 0.0, 2.0) } else { DVec3::new(2.0, 0.0, 0.0) };
-            let camera = Camera::look_at(64, 64, 80.0, eye, DVec3::ZERO, DVec3::Y);
-            let pinhole = Pinhole::new(&camera);
-            let z_depth = |pixel: usize| {
-                let place = Vec2::new((pixel % 64) as f32 + 0.5, (pixel / 64) as f32 + 0.5);
-                let direction = pinhole.direction_through(place).as_dvec3();
-                let (a, b) = (direction.length_squared(), eye.dot(direction));
-                let under = b * b - a * (eye.length_squared() - radius * radius);
-                // One pixel alone, which has no normal.
-                let depth = if under < 0.0 && pixel != 0 { f64::NAN } else { (-b - under.max(0.0).sqrt()) / a };
-                depth as f32
-            };
-            let depth = DepthMap { width: 64, height: 64, z_depth: (0..64 * 64).map(z_depth).collect() };
-            let (name, neighbours) = (i.to_string(), vec![1 - i]);
-            StereoDepth { name, camera: pinhole, depth, object_pixels: 800, shrunk_by: 2, neighbours }
-        };
-        let cloud = stereo_cloud(&[map(0), map(1)], &[]);
-        assert!(cloud.vertices.len() > 1000 && cloud.faces.is_empty(), "{}", cloud.vertices.len());
+    fn a_ball_becomes_points_with_outward_normals() {
+        let mut maps = depth_maps(1.0);
+        let known: usize = maps.iter().map(StereoDepth::known_pixels).sum();
+        // A depth without neighbours has no normal.
+        maps[0].depth.z_depth[0] = 2.0;
+        let cloud = stereo_cloud(&maps, &[]);
+        assert!(cloud.vertices.len() * 10 > 8 * known && cloud.faces.is_empty(), "{} of {known}", cloud.vertices.len());
         let normals = cloud.normals.unwrap();
         for (point, normal) in cloud.vertices.iter().zip(&normals) {
-            assert!((point.length() - radius as f32).abs() < 1e-3, "{point}");
+            assert!((point.length() - RADIUS as f32).abs() < 1e-3, "{point}");
             assert!(normal.dot(point.normalize()) > 0.9, "{point} {normal}");
         }
         let near = normals.iter().zip(&cloud.vertices).filter(|(n, p)| n.dot(p.normalize()) > 0.995).count();

@@ -244,12 +244,13 @@ part_ablations_photographs() {
 
 part_paper() {
     render_shapes
-    set -- "$out/scenes/res64/blob" "$out/scenes/res64/sharp"
-    samples() { printf 'samples-%s:method=classic,march=[{"from_percent":0,"samples":%s}]' "$1" "$1"; }
-    bench paper_samples docs/results/paper.md "$@" --methods classic --seeds 1 --variant "$(samples 16)" --variant "$(samples 32)" \
-        --variant "$(samples 64)" --variant "$(samples 128)" \
-        --variant smooth-1:method=classic,losses.normal=1 --variant smooth-0:method=classic,losses.normal=0
-    bench paper_supervision docs/results/paper.md "$@" --methods classic,network,grid --seeds 1 --supervision rgb,depth,rgb+depth
+    for table in samples smoothness depth; do
+        name=paper_$table
+        "$DVR" paper --table "$table" --data "$out/scenes/res64/blob" "$out/scenes/res64/sharp" --out "$out/$name" || [ $? -eq 1 ]
+        block "$name" docs/results/paper.md "$out/$name/table.md" \
+            "dvr paper --table $table --data scenes/res64/blob scenes/res64/sharp --out DIR"
+        publish "$out/$name/results.csv" "$name.csv"
+    done
 }
 
 # A benchmark of scenes in DVR_SCENES, as far as they are there; with verified points where one of them has some.

@@ -47,7 +47,7 @@ pub struct PaperArgs {
     /// Cells along an edge at which the fields' surfaces are measured [16 to 1024]
     #[arg(long, default_value_t = 64, value_parser = within(16usize, 1024), value_name = "CELLS", help_heading = "Single pictures (shapenet)")]
     pub resolution: usize,
-    /// Learn the first N objects by heart, and measure these: how near each representation comes to what it has seen [1 to
+    /// Learn N objects by heart, spread over the categories, and measure these: how near each representation comes to what it has seen [1 to
     /// 1000]
     #[arg(long, value_parser = within(1usize, 1000), value_name = "N", help_heading = "Single pictures (shapenet)")]
     pub by_heart: Option<usize>,

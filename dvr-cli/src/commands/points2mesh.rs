@@ -3,6 +3,7 @@
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
+use dvr_core::dataset::ReadOptions;
 use dvr_core::files::check_file;
 use dvr_core::mesh::{Mesh, read_mesh_with_warnings, write_mesh};
 use dvr_core::metrics::Simplification;
@@ -44,6 +45,9 @@ fn cloud(args: &Points2MeshArgs, cancellation: &Cancellation) -> Result<Mesh> {
     if !is_scene {
         if args.cloud_out.is_some() {
             bail!("--cloud-out writes the points of a scene, and {} has points already", args.cloud.display());
+        }
+        if args.reading.read_options() != ReadOptions::default() || args.reading.no_mask_refinement {
+            bail!("options of scenes say how photographs are read, and {} has points already", args.cloud.display());
         }
         let mut warnings = Vec::new();
         let cloud = read_mesh_with_warnings(&args.cloud, &mut warnings)?.mesh;

@@ -43,6 +43,7 @@ case $command in
         mkdir -p "$out"
         printf 'table of objects\n' > "$out/table.md"
         echo row > "$out/table.csv"
+        echo row > "$out/results.csv"
         ;;
     train) mkdir -p "$out" ;;
     synth) mkdir -p "$out" ;;

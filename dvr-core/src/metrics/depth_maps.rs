@@ -27,7 +27,7 @@ const DISPARITY_THRESHOLDS: [f64; 4] = [0.25, 0.5, 1.0, 2.0];
 const SURFACE_PIXELS: usize = 60_000;
 
 /// Sides of a pixel that depths of one surface differ by, at most, from pixel to pixel.
-const MAX_STEP: f32 = 6.0;
+pub(crate) const MAX_STEP: f32 = 6.0;
 
 /// The depths that stereo found in a view.
 #[derive(Clone, Debug)]
@@ -193,19 +193,18 @@ fn is_hidden(bvh: &Bvh, origin: DVec3, point: DVec3, margin: f64) -> bool {
     bvh.any_hit(&ray, 0.0, 1.0 - margin / ray.direction.length())
 }
 
+/// A ball, and what stereo finds of it.
 #[cfg(test)]
-mod tests {
+pub(crate) mod ball {
     use glam::DVec3;
 
     use super::*;
-    use crate::camera::{Camera, Similarity};
-    use crate::mesh::shapes;
-    use crate::sampling::sample_surface;
+    use crate::camera::Camera;
 
-    const RADIUS: f64 = 0.4;
+    pub(crate) const RADIUS: f64 = 0.4;
 
     /// Depth maps of a ball whose depths are longer by `factor` than the true ones, of two views in one row.
-    fn maps(factor: f64) -> Vec<StereoDepth> {
+    pub(crate) fn depth_maps(factor: f64) -> Vec<StereoDepth> {
         let of_view = |i: usize| {
             let eye = DVec3::new(0.4 * i as f64, 0.0, 2.0);
             let camera = Camera::look_at(64, 64, 80.0, eye, DVec3::ZERO, DVec3::Y);
@@ -225,21 +224,32 @@ mod tests {
         };
         (0..2).map(of_view).collect()
     }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use super::ball::{RADIUS, depth_maps};
+    use super::*;
+    use crate::camera::Similarity;
+    use crate::mesh::shapes;
+    use crate::sampling::sample_surface;
 
     #[test]
     fn depths_of_a_ball_are_off_by_what_was_added_to_them_and_half_of_them_are_missing() {
         let truth = PointCloud::from(sample_surface(&shapes::icosphere(6, RADIUS as f32), 40_000, 1));
-        let exact = DepthScore::by_surface(&maps(1.0), &truth).unwrap();
+        let exact = DepthScore::by_surface(&depth_maps(1.0), &truth).unwrap();
         assert!((exact.known - 0.5).abs() < 0.02, "{}", exact.known);
         // The discs stand off a ball, and out at its outline.
         assert!(exact.distance.median < 3e-4 && exact.disparity_px.median < 0.02, "{exact:?}");
-        let longer = DepthScore::by_surface(&maps(1.01), &truth).unwrap();
+        let longer = DepthScore::by_surface(&depth_maps(1.01), &truth).unwrap();
         // From 1.6 on the axis to 1.96 at the outline.
         assert!((0.016..0.0185).contains(&longer.median_behind), "{}", longer.median_behind);
         assert!((longer.distance.median - longer.median_behind).abs() < 1e-3);
         // A point .017 behind moves by 80 / 1.7 * .017 * sin(.2) or so pixels of the map, each two of the photograph.
         assert!((0.2..0.45).contains(&longer.disparity_px.median), "{}", longer.disparity_px.median);
-        let shorter = DepthScore::by_surface(&maps(0.99), &truth).unwrap();
+        let shorter = DepthScore::by_surface(&depth_maps(0.99), &truth).unwrap();
         assert!(shorter.median_behind < -0.015, "{}", shorter.median_behind);
     }
 
@@ -265,7 +275,7 @@ mod tests {
         };
         let verified = VerifiedPoints { points, ..VerifiedPoints::default() };
         let settings = PointsSettings { thresholds: vec![0.1, 1.0], margin: Some(0.05) };
-        let score = DepthScore::by_points(&maps(1.01), &verified, &scene, &mesh, &settings).unwrap();
+        let score = DepthScore::by_points(&depth_maps(1.01), &verified, &scene, &mesh, &settings).unwrap();
         // Two views see two fifths of the ball each.
         assert!((1300..2000).contains(&score.sights) && (score.known - 0.5).abs() < 0.05, "{score:?}");
         assert!((0.16..0.19).contains(&score.distance.median), "{}", score.distance.median);

@@ -1,4 +1,4 @@
-//! A dataset of the first objects of another, which are in all of its splits: what is measured has been trained on.
+//! A dataset of some objects of another, which are in all of its splits: what is measured has been trained on.
 
 use std::collections::BTreeMap;
 use std::path::Path;

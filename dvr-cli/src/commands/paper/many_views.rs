@@ -6,21 +6,32 @@ use anyhow::{Result, bail};
 use clap::Parser;
 use dvr_core::Cancellation;
 
-use crate::args::{Cli, Command, PaperArgs, PaperTable};
+use crate::args::{Cli, Command, PaperArgs};
 use crate::commands::bench;
 
 /// CPU minutes of the paper's network on one scene of 64 pixels, 600 steps; what other methods take is little beside it.
 const MINUTES: f64 = 2.5;
 
+/// What is compared.
+#[derive(Clone, Copy, Debug)]
+pub enum Comparison {
+    /// Samples on a ray.
+    Samples,
+    /// Weights of the smoothness of normals.
+    Smoothness,
+    /// Pictures, depth maps, and both.
+    Supervision,
+}
+
 /// Carries out the benchmark, or says what it is.
-pub fn run(args: &PaperArgs, cancellation: &Cancellation) -> Result<ExitCode> {
+pub fn run(args: &PaperArgs, comparison: Comparison, cancellation: &Cancellation) -> Result<ExitCode> {
     if !args.rows.is_empty() || args.steps.is_some() || args.by_heart.is_some() {
         bail!(
             "--rows, --steps and --by-heart are for --table shapenet; compare other settings with `dvr bench --variant`"
         );
     }
-    let arguments = arguments(args);
-    let runs = args.data.len() as f64 * args.seeds as f64 * trainings(args.table);
+    let arguments = arguments(args, comparison);
+    let runs = args.data.len() as f64 * args.seeds as f64 * trainings(comparison);
     eprintln!("dvr {}", shlex::try_join(arguments.iter().map(String::as_str)).unwrap_or_default());
     eprintln!("about {:.0} CPU minutes for scenes of 64 pixels, more for larger ones", MINUTES * runs);
     if args.plan {
@@ -31,34 +42,34 @@ pub fn run(args: &PaperArgs, cancellation: &Cancellation) -> Result<ExitCode> {
     bench::run(&benchmark, cancellation)
 }
 
-/// How many trainings of the paper's network a table has for each scene and seed.
-fn trainings(table: PaperTable) -> f64 {
-    match table {
-        PaperTable::Samples => 5.0,
-        PaperTable::Smoothness | PaperTable::Depth | PaperTable::Shapenet => 3.0,
+/// How many trainings of the paper's network it has for each scene and seed.
+fn trainings(comparison: Comparison) -> f64 {
+    match comparison {
+        Comparison::Samples => 5.0,
+        Comparison::Smoothness | Comparison::Supervision => 3.0,
     }
 }
 
-/// The benchmark of a table, as arguments of the program.
-fn arguments(args: &PaperArgs) -> Vec<String> {
+/// The benchmark, as arguments of the program.
+fn arguments(args: &PaperArgs, comparison: Comparison) -> Vec<String> {
     let mut arguments = vec!["bench".to_owned()];
     arguments.extend(args.data.iter().map(|path| path.to_string_lossy().into_owned()));
     let mut add = |parts: &[&str]| arguments.extend(parts.iter().map(ToString::to_string));
-    match args.table {
-        PaperTable::Samples => {
+    match comparison {
+        Comparison::Samples => {
             add(&["--methods", "classic"]);
             for samples in [16, 32, 64, 128] {
                 let march = format!(r#"march=[{{"from_percent":0,"samples":{samples}}}]"#);
                 add(&["--variant", &format!("samples-{samples}:method=classic,{march}")]);
             }
         }
-        PaperTable::Smoothness => {
+        Comparison::Smoothness => {
             add(&["--methods", "classic"]);
             for weight in ["0", "1"] {
                 add(&["--variant", &format!("smooth-{weight}:method=classic,losses.normal={weight}")]);
             }
         }
-        PaperTable::Depth | PaperTable::Shapenet => {
+        Comparison::Supervision => {
             add(&["--methods", "classic,network,grid", "--supervision", "rgb,depth,rgb+depth"]);
         }
     }
@@ -71,12 +82,13 @@ mod tests {
     use std::path::PathBuf;
 
     use super::*;
+    use crate::args::PaperTable;
 
     #[test]
     fn every_table_of_many_views_is_a_benchmark_whose_settings_exist() {
-        for table in [PaperTable::Samples, PaperTable::Smoothness, PaperTable::Depth] {
+        for comparison in [Comparison::Samples, Comparison::Smoothness, Comparison::Supervision] {
             let args = PaperArgs {
-                table,
+                table: PaperTable::Depth,
                 data: vec![PathBuf::from("a scene"), PathBuf::from("b")],
                 out: PathBuf::from("out"),
                 seeds: 2,
@@ -86,7 +98,7 @@ mod tests {
                 resolution: 64,
                 by_heart: None,
             };
-            let all = ["dvr".to_owned()].into_iter().chain(arguments(&args));
+            let all = ["dvr".to_owned()].into_iter().chain(arguments(&args, comparison));
             let Command::Bench(benchmark) = Cli::try_parse_from(all).unwrap().command else { panic!("no benchmark") };
             assert_eq!((benchmark.scenes.len(), benchmark.seeds), (2, 2));
             for variant in benchmark.variants() {

@@ -14,11 +14,14 @@ use anyhow::Result;
 use dvr_core::Cancellation;
 
 use crate::args::{PaperArgs, PaperTable};
+use many_views::Comparison;
 
 /// Makes a table, or says what that takes.
 pub fn run(args: &PaperArgs, cancellation: &Cancellation) -> Result<ExitCode> {
     match args.table {
         PaperTable::Shapenet => single_pictures::run(args, cancellation),
-        PaperTable::Samples | PaperTable::Smoothness | PaperTable::Depth => many_views::run(args, cancellation),
+        PaperTable::Samples => many_views::run(args, Comparison::Samples, cancellation),
+        PaperTable::Smoothness => many_views::run(args, Comparison::Smoothness, cancellation),
+        PaperTable::Depth => many_views::run(args, Comparison::Supervision, cancellation),
     }
 }
