@@ -35,8 +35,9 @@ fn every_decoder_makes_a_shape_of_each_code_and_all_of_its_parameters_learn() {
         assert_eq!(made.dims(), [2, numbers], "{kind:?}");
         let gradients = burn::optim::GradientsParams::from_grads((made.clone() * made).sum().backward(), &decoder);
         let learning = gradients.len();
-        // A weight and a bias for each layer, but for the first of the patches, which has two weights.
-        assert_eq!(learning, [8, 16, 9, 8][KINDS.iter().position(|k| *k == kind).unwrap()], "{kind:?}");
+        // A weight and a bias for each layer, but for the first of the patches, which has two weights, and the normalisation of
+        // voxels.
+        assert_eq!(learning, [10, 16, 9, 8][KINDS.iter().position(|k| *k == kind).unwrap()], "{kind:?}");
     }
 }
 

@@ -1,7 +1,7 @@
 //! Shapes as occupancies of voxels.
 
 use burn::module::{Module, Param};
-use burn::nn::{Initializer, Linear, LinearConfig};
+use burn::nn::{BatchNorm, BatchNormConfig, Initializer, Linear, LinearConfig};
 use burn::tensor::activation::relu;
 use burn::tensor::{Device, Tensor};
 
@@ -24,6 +24,9 @@ const LAST_DEVIATION: f64 = 0.1;
 pub struct VoxelDecoder {
     /// Code to the coarsest layer.
     pub fc: Linear,
+    /// Of that layer, each number by itself: what all pictures have in common goes out of it. Rays that are stopped by the same
+    /// block in all pictures say nothing of what is behind it, so that a shape for all, once it is solid, would stay.
+    pub norm: BatchNorm,
     /// To 8^3 voxels.
     pub up0: Doubling,
     /// To 16^3 voxels.
@@ -43,6 +46,7 @@ impl VoxelDecoder {
     pub fn new(width: usize, code_dim: usize, device: &Device) -> Self {
         Self {
             fc: LinearConfig::new(code_dim, Self::FIRST * width).with_initializer(for_relu(code_dim)).init(device),
+            norm: BatchNormConfig::new(Self::FIRST * width).init(device),
             up0: Doubling::new(16 * width, 4 * width, device),
             up1: Doubling::new(4 * width, width, device),
             up2: Doubling {
@@ -59,13 +63,26 @@ impl VoxelDecoder {
     /// Occupancy logits `[b, 32, 32, 32]` of codes `[b, code_dim]`: of voxels of the padded cube, x fastest.
     pub fn forward(&self, codes: Tensor<2>) -> Tensor<4> {
         let [objects, _] = codes.dims();
-        let coarsest = relu(self.fc.forward(codes));
+        let coarsest = self.fc.forward(codes).unsqueeze_dim::<3>(2);
+        let coarsest = relu(normalised(&self.norm, coarsest).squeeze_dim::<2>(2));
         let channels = coarsest.dims()[1] / COARSEST.pow(3);
         let net = coarsest.reshape([objects, COARSEST, COARSEST, COARSEST, channels]);
         let net = relu(self.up0.forward(net));
         let net = relu(self.up1.forward(net));
         self.up2.forward(net).squeeze_dim(4)
     }
+}
+
+/// The batch's own statistics where gradients are tracked, of more than one object; the running ones elsewhere.
+fn normalised(norm: &BatchNorm, net: Tensor<3>) -> Tensor<3> {
+    let is_training = net.device().is_autodiff();
+    let net = norm.forward(net);
+    if is_training {
+        // burn keeps a layer's last update aside until the next one, where a checkpoint taken in between would miss it.
+        norm.running_mean.value_sync();
+        norm.running_var.value_sync();
+    }
+    net
 }
 
 /// A transposed convolution of 4^3 taps, stride 2 and padding 1.
