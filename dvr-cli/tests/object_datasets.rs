@@ -105,6 +105,7 @@ fn systems_of_other_papers_train_measure_predict_and_export_as_dvr_does() {
         ("r2n2", "decoder.width=4"),
         ("psgn", "points=64"),
         ("atlasnet", "points=64"),
+        ("pixel2mesh", "encoder.channels=4"),
         ("drc", "rays=16"),
         ("softras", "views=1"),
     ] {

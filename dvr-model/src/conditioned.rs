@@ -1,5 +1,6 @@
 //! A decoder as a field: of one object, or bound to the latent codes of several.
 
+use burn::module::Module;
 use burn::tensor::activation::sigmoid;
 use burn::tensor::{Device, Tensor};
 use dvr_render::{Crossing, Differentiable, Field, FieldJet, FieldValues, Query, Snapshot, axis_direction};
@@ -10,18 +11,19 @@ use crate::decoder::Decoder;
 use crate::fused::{FusedDecoder, snapshots};
 #[cfg(feature = "gpu")]
 use crate::gpu_march::KernelMarcher;
+use crate::image_model::AlignedFeatures;
 
 impl Decoder {
     /// The field of objects with latent codes, `[objects, code_dim]`: a [`Query`]'s object index picks the row.
     ///
     /// Codes are projected here, once per object; what is left for each point is to pick a row.
     pub fn with_codes(&self, codes: Tensor<2>) -> Conditioned {
-        Conditioned { conditions: self.conditions(Some(codes)), decoder: self.clone() }
+        Conditioned { conditions: self.conditions(Some(codes)), decoder: self.clone(), aligned: None }
     }
 
     /// The field of the one object that a decoder without codes holds.
     pub fn unconditioned(&self) -> Conditioned {
-        Conditioned { conditions: Vec::new(), decoder: self.clone() }
+        Conditioned { conditions: Vec::new(), decoder: self.clone(), aligned: None }
     }
 }
 
@@ -31,6 +33,8 @@ pub struct Conditioned {
     decoder: Decoder,
     /// What each block adds of the codes, `[objects, hidden]`; empty without codes.
     conditions: Vec<Tensor<2>>,
+    /// Features of the objects' pictures.
+    aligned: Option<AlignedFeatures>,
 }
 
 impl Conditioned {
@@ -39,19 +43,36 @@ impl Conditioned {
         &self.decoder
     }
 
+    /// The same with features of the objects' pictures.
+    pub(crate) fn with_aligned(self, aligned: Option<AlignedFeatures>) -> Self {
+        Self { aligned, ..self }
+    }
+
+    /// The same field, as it is now, without gradient tracking.
+    #[must_use]
+    pub fn without_gradients(&self) -> Self {
+        Self {
+            decoder: self.decoder.valid(),
+            conditions: self.conditions.iter().map(|condition| condition.clone().inner()).collect(),
+            aligned: self.aligned.as_ref().map(AlignedFeatures::inner),
+        }
+    }
+
     /// Raw outputs, `[n, 4]`.
     fn outputs(&self, query: &Query) -> Tensor<2> {
+        let (points, aligned) = (query.points.clone(), self.aligned.as_ref());
         match &query.object {
-            Some(object) => self.decoder.outputs(query.points.clone(), &self.conditions, Some(object)),
-            None => self.decoder.outputs(query.points.clone(), &self.of_object_0(), None),
+            Some(object) => self.decoder.outputs(points, &self.conditions, Some(object), aligned),
+            None => self.decoder.outputs(points, &self.of_object_0(), None, aligned),
         }
     }
 
     /// Raw outputs and their derivatives along directions, each `[n, 4]`.
     fn tangents(&self, query: &Query, directions: Vec<Tensor<2>>) -> (Tensor<2>, Vec<Tensor<2>>) {
+        let (points, aligned) = (query.points.clone(), self.aligned.as_ref());
         match &query.object {
-            Some(object) => self.decoder.tangents(query.points.clone(), &self.conditions, Some(object), directions),
-            None => self.decoder.tangents(query.points.clone(), &self.of_object_0(), None, directions),
+            Some(object) => self.decoder.tangents(points, &self.conditions, Some(object), aligned, directions),
+            None => self.decoder.tangents(points, &self.of_object_0(), None, aligned, directions),
         }
     }
 
@@ -104,13 +125,14 @@ impl Differentiable for Conditioned {
 impl Crossing for Conditioned {
     #[cfg(feature = "gpu")]
     fn own_marcher(&self, settings: MarchSettings) -> Option<Box<dyn Marcher + '_>> {
-        dvr_gpu::is_gpu(&self.device()).then(|| {
+        (self.aligned.is_none() && dvr_gpu::is_gpu(&self.device())).then(|| {
             Box::new(KernelMarcher::new(&self.decoder, &self.conditions, self.clone(), settings)) as Box<dyn Marcher>
         })
     }
 
     fn snapshots(&self) -> Vec<Snapshot> {
-        if !FusedDecoder::suits(&self.decoder.fc_p.weight.val()) {
+        // The fused tiles know the codes alone.
+        if self.aligned.is_some() || !FusedDecoder::suits(&self.decoder.fc_p.weight.val()) {
             return Vec::new();
         }
         let fused = FusedDecoder::new(&self.decoder);

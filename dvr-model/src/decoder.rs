@@ -9,6 +9,7 @@ use dvr_core::number_range::{NumberRange, whole};
 use dvr_render::gather_rows;
 
 use crate::encoding;
+use crate::image_model::AlignedFeatures;
 
 /// Configuration of a [`Decoder`]. The defaults are those of DVR's reference code, but for the width.
 #[derive(Config, Debug, PartialEq)]
@@ -106,7 +107,7 @@ impl Decoder {
     ///
     /// `points` is `[n, 3]`; `code` holds one latent code per point, `[n, code_dim]`, or is `None`.
     pub fn forward(&self, points: Tensor<2>, code: Option<Tensor<2>>) -> Tensor<2> {
-        self.outputs(points, &self.conditions(code), None)
+        self.outputs(points, &self.conditions(code), None, None)
     }
 
     /// What each block adds of the codes `[m, code_dim]`: one `[m, hidden]` per block, none without codes.
@@ -115,13 +116,18 @@ impl Decoder {
     }
 
     /// As [`Decoder::forward`], with the codes already projected; `object` picks the row of each point, see [`given`].
+    /// `aligned` are features of the objects' pictures, which are added to the first layer.
     pub(crate) fn outputs(
         &self,
         points: Tensor<2>,
         conditions: &[Tensor<2>],
         object: Option<&Tensor<1, Int>>,
+        aligned: Option<&AlignedFeatures>,
     ) -> Tensor<2> {
-        let mut net = self.fc_p.forward(encoding::encode(points, self.octaves));
+        let mut net = self.fc_p.forward(encoding::encode(points.clone(), self.octaves));
+        if let Some(aligned) = aligned {
+            net = net + aligned.at(&points, object);
+        }
         for (i, block) in self.blocks.iter().enumerate() {
             net = given(net, conditions.get(i), object);
             let inner = relu(block.fc_0.forward(relu(net.clone())));
@@ -140,7 +146,7 @@ impl Decoder {
         code: Option<Tensor<2>>,
         directions: Vec<Tensor<2>>,
     ) -> (Tensor<2>, Vec<Tensor<2>>) {
-        self.tangents(points, &self.conditions(code), None, directions)
+        self.tangents(points, &self.conditions(code), None, None, directions)
     }
 
     /// As [`Decoder::forward_mode`], with the codes already projected.
@@ -149,16 +155,22 @@ impl Decoder {
         points: Tensor<2>,
         conditions: &[Tensor<2>],
         object: Option<&Tensor<1, Int>>,
+        aligned: Option<&AlignedFeatures>,
         directions: Vec<Tensor<2>>,
     ) -> (Tensor<2>, Vec<Tensor<2>>) {
         let mut tangents: Vec<_> = directions
-            .into_iter()
+            .iter()
             .map(|direction| {
-                let encoded = encoding::encode_tangent(points.clone(), direction, self.octaves);
+                let encoded = encoding::encode_tangent(points.clone(), direction.clone(), self.octaves);
                 encoded.matmul(self.fc_p.weight.val())
             })
             .collect();
-        let mut net = self.fc_p.forward(encoding::encode(points, self.octaves));
+        let mut net = self.fc_p.forward(encoding::encode(points.clone(), self.octaves));
+        if let Some(aligned) = aligned {
+            let (features, along) = aligned.tangents(&points, object, &directions);
+            net = net + features;
+            tangents = tangents.into_iter().zip(along).map(|(tangent, along)| tangent + along).collect();
+        }
         for (i, block) in self.blocks.iter().enumerate() {
             net = given(net, conditions.get(i), object);
             let off = net.clone().lower_equal_elem(0.0);

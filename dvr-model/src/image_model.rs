@@ -1,13 +1,16 @@
 //! The model of many objects: an encoder that makes codes and the decoder that they condition.
 
 use burn::module::Module;
+use burn::nn::{Initializer, Linear, LinearConfig};
 use burn::tensor::{Device, Int, Tensor};
+use dvr_core::Camera;
 use dvr_core::number_range::{NumberRange, OutOfRange, check_config, nested};
 use serde::{Deserialize, Serialize};
 
 use crate::conditioned::Conditioned;
 use crate::decoder::{Decoder, DecoderConfig};
 use crate::encoder::{Encoder, EncoderConfig};
+use crate::pixel_aligned::PixelAligned;
 
 /// Configuration of an [`ImageModel`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -52,7 +55,12 @@ impl ImageModelConfig {
 
     /// A model with fresh parameters.
     pub fn init(&self, device: &Device) -> ImageModel {
-        ImageModel { encoder: self.encoder.init(self.decoder.code_dim, device), decoder: self.decoder.init(device) }
+        let encoder = self.encoder.init(self.decoder.code_dim, device);
+        let aligned = match &encoder {
+            Encoder::Local(local) => Some(AlignedLayer::new(local.channels(), self.decoder.hidden, device)),
+            Encoder::Resnet18(_) | Encoder::Convolutional(_) | Encoder::Codes(_) => None,
+        };
+        ImageModel { encoder, decoder: self.decoder.init(device), aligned }
     }
 }
 
@@ -63,6 +71,33 @@ pub struct ImageModel {
     pub encoder: Encoder,
     /// Makes occupancy and colour of a point and a code.
     pub decoder: Decoder,
+    /// What the decoder's first layer takes of the picture where a point lies in it, with [`Encoder::Local`].
+    pub aligned: Option<AlignedLayer>,
+}
+
+/// From features of a place in a picture, and the place of the point as seen by the camera, to the decoder's first layer.
+#[derive(Module, Debug)]
+pub struct AlignedLayer {
+    /// Features to hidden, `[channels, hidden]`; starts at zero, so that the decoder starts without them.
+    pub features: Linear,
+    /// The point in the camera's axes to hidden, `[3, hidden]`.
+    pub place: Linear,
+}
+
+impl AlignedLayer {
+    fn new(channels: usize, hidden: usize, device: &Device) -> Self {
+        let place = LinearConfig::new(3, hidden).with_bias(false).init(device);
+        let weight = Initializer::Zeros.init([channels, hidden], device);
+        Self { features: Linear { weight, bias: None }, place }
+    }
+}
+
+/// What a model sees in pictures.
+pub struct Seen {
+    /// The field of their objects; a query's object index picks one.
+    pub field: Conditioned,
+    /// How far the cameras that the encoder guesses are from those that are known, `[1]`; `None` where it guesses none.
+    pub camera_error: Option<Tensor<1>>,
 }
 
 impl ImageModel {
@@ -74,5 +109,133 @@ impl ImageModel {
     /// The field of objects with these codes, `[b, code_dim]`; a query's object index picks the row.
     pub fn field(&self, codes: Tensor<2>) -> Conditioned {
         self.decoder.with_codes(codes)
+    }
+
+    /// The field of a batch of objects; see [`Encoder::forward`].
+    ///
+    /// `cameras` are those of the images, in object space; without them, encoders that need them guess them.
+    pub fn see(&self, images: Tensor<4>, objects: Tensor<1, Int>, cameras: Option<&[Camera]>) -> Seen {
+        let (Encoder::Local(local), Some(layer)) = (&self.encoder, &self.aligned) else {
+            return Seen { field: self.field(self.codes(images, objects)), camera_error: None };
+        };
+        let (aligned, codes, camera_error) = local.aligned(images, cameras);
+        let (weight, place) = (layer.features.weight.val(), layer.place.weight.val());
+        let aligned = AlignedFeatures { planes: aligned.map(|rows| rows.matmul(weight)), place };
+        Seen { field: self.field(codes).with_aligned(Some(aligned)), camera_error }
+    }
+}
+
+/// What the decoder's first layer takes of the pictures of its objects.
+#[derive(Clone, Debug)]
+pub(crate) struct AlignedFeatures {
+    /// As many features as the layer has.
+    planes: PixelAligned,
+    /// Weights of the point in the camera's axes.
+    place: Tensor<2>,
+}
+
+impl AlignedFeatures {
+    /// What is added to the layer, `[n, hidden]`, at points `[n, 3]` of objects `[n]`, or of the first object.
+    pub fn at(&self, points: &Tensor<2>, object: Option<&Tensor<1, Int>>) -> Tensor<2> {
+        let object = object_of(points, object);
+        self.planes.at(points, &object) + self.planes.in_camera_axes(points, &object).matmul(self.place.clone())
+    }
+
+    /// The same, and its derivatives along directions `[n, 3]`.
+    pub fn tangents(
+        &self,
+        points: &Tensor<2>,
+        object: Option<&Tensor<1, Int>>,
+        directions: &[Tensor<2>],
+    ) -> (Tensor<2>, Vec<Tensor<2>>) {
+        let object = object_of(points, object);
+        let turned = |vectors: &Tensor<2>| self.planes.in_camera_axes(vectors, &object).matmul(self.place.clone());
+        let (features, along) = self.planes.tangents(points, &object, directions);
+        let along = along.into_iter().zip(directions).map(|(along, direction)| along + turned(direction));
+        (features + turned(points), along.collect())
+    }
+
+    /// The same off the graph.
+    pub fn inner(&self) -> Self {
+        Self { planes: self.planes.inner(), place: self.place.clone().inner() }
+    }
+}
+
+fn object_of(points: &Tensor<2>, object: Option<&Tensor<1, Int>>) -> Tensor<1, Int> {
+    object.cloned().unwrap_or_else(|| Tensor::zeros([points.dims()[0]], &points.device()))
+}
+
+#[cfg(test)]
+mod tests {
+    use burn::tensor::Distribution;
+    use dvr_render::{Crossing, Differentiable, Field, Query};
+    use glam::DVec3;
+
+    use super::*;
+
+    fn local() -> (ImageModel, Tensor<4>, Vec<Camera>) {
+        let device = Device::flex();
+        let encoder = EncoderConfig::Local { image_size: 64, width: 2, channels: 4 };
+        let decoder = DecoderConfig::new().with_code_dim(6).with_hidden(16);
+        let mut model = ImageModelConfig { encoder, decoder }.init(&device);
+        if let Some(layer) = &mut model.aligned {
+            layer.features.weight =
+                layer.features.weight.clone().map(|weight| weight.random_like(Distribution::Normal(0.0, 0.3)));
+        }
+        let images = Tensor::random([2, 3, 64, 64], Distribution::Uniform(0.0, 1.0), &device);
+        let cameras = [DVec3::new(0.3, 0.4, -2.0), DVec3::new(-1.5, 0.2, 1.0)]
+            .map(|eye| Camera::look_at(64, 64, 60.0, eye, DVec3::ZERO, DVec3::Y));
+        (model, images, cameras.to_vec())
+    }
+
+    fn query(device: &Device) -> Query {
+        let points = Tensor::from_floats([[0.1, 0.2, -0.1], [-0.2, 0.05, 0.3], [0.3, -0.3, 0.2]], device);
+        Query { object: Some(Tensor::from_ints([0, 1, 0], device)), ..Query::new(points) }
+    }
+
+    fn logits(field: &Conditioned) -> Vec<f32> {
+        field.occupancy_logit(&query(&field.device())).into_data().iter::<f32>().collect()
+    }
+
+    #[test]
+    fn a_field_depends_on_the_picture_where_its_points_lie_in_it() {
+        let (model, images, cameras) = local();
+        let rows = || Tensor::from_ints([0, 0], &Device::flex());
+        let seen = model.see(images.clone(), rows(), Some(&cameras));
+        assert!(seen.camera_error.is_some_and(|error| error.into_scalar::<f32>() > 0.0));
+        let from_elsewhere = model.see(images.clone(), rows(), Some(&[cameras[1].clone(), cameras[0].clone()])).field;
+        let with_codes_alone = model.field(model.codes(images.clone(), rows()));
+        let guessed = model.see(images, rows(), None);
+        assert!(guessed.camera_error.is_none(), "nothing is known of it");
+        for other in [from_elsewhere, with_codes_alone, guessed.field] {
+            assert!(logits(&seen.field) != logits(&other));
+        }
+        assert!(seen.field.snapshots().is_empty(), "the fused tiles do not know the picture");
+    }
+
+    #[test]
+    fn slopes_of_pixel_aligned_fields_are_those_of_differences() {
+        let (model, images, cameras) = local();
+        let device = Device::flex();
+        let field = model.see(images, Tensor::from_ints([0, 0], &device), Some(&cameras)).field;
+        let query = query(&device);
+        let gradient: Vec<f32> = field.occupancy_gradient(&query).into_data().iter::<f32>().collect();
+        let step = 1e-3;
+        for axis in 0..3 {
+            let mut direction = [0.0f32; 3];
+            direction[axis] = 1.0;
+            let direction = Tensor::<2>::from_floats([direction], &device);
+            let at = |shift: f64| {
+                let points = query.points.clone() + direction.clone() * shift;
+                let moved = Query { points, ..query.clone() };
+                field.occupancy_logit(&moved).into_data().iter::<f32>().collect::<Vec<_>>()
+            };
+            let (after, before) = (at(step), at(-step));
+            for point in 0..3 {
+                let difference = (after[point] - before[point]) / (2.0 * step as f32);
+                let found = gradient[3 * point + axis];
+                assert!((found - difference).abs() < 0.02 * difference.abs().max(0.3), "{found} {difference}");
+            }
+        }
     }
 }

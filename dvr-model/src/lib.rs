@@ -56,6 +56,8 @@ mod fused;
 mod gpu_march;
 mod image_model;
 mod mlp;
+mod picture_camera;
+mod pixel_aligned;
 mod pytorch;
 mod record;
 mod shapes;
@@ -63,13 +65,15 @@ mod tensors;
 
 pub use conditioned::Conditioned;
 pub use decoder::{Decoder, DecoderConfig, ResnetBlock};
-pub use encoder::{BasicBlock, Codes, Convolutional, Encoder, EncoderConfig, Resnet18, Resnet18Features};
+pub use encoder::{
+    BasicBlock, Codes, Convolutional, Encoder, EncoderConfig, Local, LocalFeatures, Resnet18, Resnet18Features,
+};
 pub use error::RecordError;
 pub use fused::FusedDecoder;
-pub use image_model::{ImageModel, ImageModelConfig};
+pub use image_model::{AlignedLayer, ImageModel, ImageModelConfig, Seen};
 pub use pytorch::{AdamMoments, Imported, ImportedNetwork, PytorchCheckpoint, load_pretrained, read_pytorch};
 pub use record::{FORMAT_VERSION, NetworkConfig, from_safetensors, load_safetensors, save_safetensors, to_safetensors};
 pub use shapes::{
-    PatchDecoder, PointDecoder, ShapeDecoder, ShapeDecoderConfig, ShapeModel, ShapeModelConfig, SphereDecoder,
-    VoxelDecoder,
+    Deformed, GraphDecoder, PatchDecoder, PointDecoder, ShapeDecoder, ShapeDecoderConfig, ShapeModel, ShapeModelConfig,
+    SphereDecoder, VoxelDecoder,
 };

@@ -3,8 +3,8 @@
 use burn::module::Param;
 use burn::nn::Linear;
 use burn::tensor::{Device, Int, Tensor, TensorData};
-use dvr_core::{Ray, UnitCube};
-use dvr_model::{Encoder, EncoderConfig, ImageModel};
+use dvr_core::{Camera, Ray, UnitCube};
+use dvr_model::{AlignedLayer, Conditioned, DecoderConfig, Encoder, EncoderConfig, ImageModel, ImageModelConfig};
 use dvr_render::{Hits, MarchSettings, Marcher, Rays, SlopeRule, Surface, TensorMarcher};
 use dvr_tests::*;
 use glam::DVec3;
@@ -18,10 +18,11 @@ const EXACT: SlopeRule = SlopeRule::ScaleFree { epsilon: 0.0 };
 const OBJECTS: usize = 2;
 const RAYS: usize = 12;
 
-/// Two images, and rays that look at the objects which the model sees in them.
+/// Two images with their cameras, and rays that look at the objects which the model sees in them.
 struct Setup {
     model: ImageModel,
     images: Tensor<4>,
+    cameras: Vec<Camera>,
     rays: Rays,
     weights: Vec<f64>,
 }
@@ -38,7 +39,11 @@ impl Setup {
             weight: last.weight.map(|weight| (weight * influence).detach().require_grad()),
             bias: Some(Param::from_tensor(tensor1(&codes[..32], &tracking))),
         };
-        let encoder = match config.init(32, &tracking) {
+        let hidden = decoder.fc_p.weight.dims()[1];
+        let like = DecoderConfig::new().with_code_dim(32).with_hidden(hidden);
+        let ImageModel { encoder, aligned, .. } =
+            ImageModelConfig { encoder: config.clone(), decoder: like }.init(&tracking);
+        let encoder = match encoder {
             Encoder::Resnet18(mut encoder) => {
                 encoder.fc = near(encoder.fc);
                 Encoder::Resnet18(encoder)
@@ -46,6 +51,10 @@ impl Setup {
             Encoder::Convolutional(mut encoder) => {
                 encoder.fc_out = near(encoder.fc_out);
                 Encoder::Convolutional(encoder)
+            }
+            Encoder::Local(mut encoder) => {
+                encoder.convolutional.fc_out = near(encoder.convolutional.fc_out);
+                Encoder::Local(encoder)
             }
             Encoder::Codes(codes) => Encoder::Codes(codes),
         };
@@ -60,26 +69,39 @@ impl Setup {
             })
             .collect();
         let weights = random(rays.len(), -1.0);
+        // As fresh, it takes nothing of the picture.
+        let aligned = aligned.map(|layer: AlignedLayer| {
+            let [channels, hidden] = layer.features.weight.dims();
+            let small: Vec<f64> = random(channels * hidden, -1.0).into_iter().map(|number| 0.02 * number).collect();
+            let weight = Param::from_tensor(tensor1(&small, &tracking).reshape([channels, hidden]));
+            let place =
+                Linear { weight: layer.place.weight.map(|weight| (weight * 0.1).detach().require_grad()), bias: None };
+            AlignedLayer { features: Linear { weight, bias: None }, place }
+        });
+        let cameras = [DVec3::new(0.5, 0.4, -1.6), DVec3::new(-1.2, 0.3, 0.9)]
+            .map(|eye| Camera::look_at(size as u32, size as u32, size as f64, eye, DVec3::ZERO, DVec3::Y))
+            .to_vec();
         let mut rays = Rays::new(&rays, UnitCube::default(), device);
         let object = (0..OBJECTS * RAYS).map(|i| (i / RAYS) as i64).collect();
         rays.object = Some(Tensor::from_data(TensorData::new(object, [OBJECTS * RAYS]), device));
-        Self { model: ImageModel { encoder, decoder }, images, rays, weights }
+        Self { model: ImageModel { encoder, decoder, aligned }, images, cameras, rays, weights }
     }
 
-    /// The codes, on the graph; normalisations take the statistics of the batch.
-    fn codes(&self, encoder: &Encoder) -> Tensor<2> {
+    /// The field that the model with this encoder sees, on the graph; normalisations take the statistics of the batch.
+    fn field(&self, encoder: &Encoder) -> Conditioned {
         let objects = Tensor::<1, Int>::arange(0..OBJECTS as i64, &self.images.device());
-        encoder.forward(self.images.clone(), objects)
+        let model = ImageModel { encoder: encoder.clone(), ..self.model.clone() };
+        model.see(self.images.clone(), objects, Some(&self.cameras)).field
     }
 
-    fn march(&self, codes: Tensor<2>) -> Hits {
+    fn march(&self, frozen: Conditioned) -> Hits {
         let settings = MarchSettings { steps: 128, root_steps: 60, ..MarchSettings::default() };
-        TensorMarcher::new(self.model.field(codes), settings).march(&self.rays, None).hits.expect("rays hit")
+        TensorMarcher::new(frozen, settings).march(&self.rays, None).hits.expect("rays hit")
     }
 
     /// `sum weight * depth` over the rays that hit, by marching alone, and how many those are.
     fn value(&self, encoder: &Encoder) -> (f64, usize) {
-        let hits = self.march(self.codes(encoder).inner());
+        let hits = self.march(self.field(encoder).without_gradients());
         let index = hits.index.into_data();
         let weighted = index.iter::<i64>().zip(numbers(hits.depth)).map(|(i, depth)| self.weights[i as usize] * depth);
         (weighted.sum(), index.iter::<i64>().count())
@@ -91,6 +113,7 @@ fn first_layer(encoder: &Encoder) -> Param<Tensor<4>> {
     match encoder {
         Encoder::Resnet18(encoder) => encoder.features.conv1.weight.clone(),
         Encoder::Convolutional(encoder) => encoder.conv0.weight.clone(),
+        Encoder::Local(encoder) => encoder.convolutional.conv0.weight.clone(),
         Encoder::Codes(_) => unreachable!("has no layers"),
     }
 }
@@ -107,7 +130,11 @@ fn moved(encoder: &Encoder, direction: &Tensor<4>, step: f64) -> Encoder {
             encoder.conv0.weight = add(encoder.conv0.weight);
             Encoder::Convolutional(encoder)
         }
-        codes => codes,
+        Encoder::Local(mut encoder) => {
+            encoder.convolutional.conv0.weight = add(encoder.convolutional.conv0.weight);
+            Encoder::Local(encoder)
+        }
+        Encoder::Codes(codes) => Encoder::Codes(codes),
     }
 }
 
@@ -118,17 +145,18 @@ fn the_gradient_of_depth_for_the_first_convolution_equals_differences_of_encoder
     // which a ResNet has many.
     let kinds = [
         (EncoderConfig::Convolutional { image_size: 63, width: 2 }, 63, 2.0, 1e-7),
+        (EncoderConfig::Local { image_size: 63, width: 2, channels: 3 }, 63, 2.0, 1e-7),
         (EncoderConfig::Resnet18 { image_size: 64 }, 64, 0.05, 3e-9),
     ];
     for (config, size, influence, difference) in kinds {
         let setup = Setup::new(&config, size, influence, &device);
         let weight = first_layer(&setup.model.encoder);
-        let codes = setup.codes(&setup.model.encoder);
-        let hits = setup.march(codes.clone().inner());
+        let field = setup.field(&setup.model.encoder);
+        let frozen = field.without_gradients();
+        let hits = setup.march(frozen.clone());
         assert!(hits.len() > RAYS, "enough rays hit: {}", hits.len());
 
-        let frozen = setup.model.field(codes.clone().inner());
-        let depth = Surface::on_graph(&setup.model.field(codes), &frozen, &hits, EXACT).depth;
+        let depth = Surface::on_graph(&field, &frozen, &hits, EXACT).depth;
         let weights: Vec<f64> = hits.index.into_data().iter::<i64>().map(|i| setup.weights[i as usize]).collect();
         let gradients = (depth * tensor1(&weights, &device.clone().autodiff())).sum().backward();
         let gradient = weight.val().grad(&gradients).expect("it reaches the first layer");

@@ -37,8 +37,8 @@ pub struct PaperArgs {
     /// Say what will be made and about how long it takes on two cores, and exit
     #[arg(long)]
     pub plan: bool,
-    /// Rows to make: drc, softras, dvr, drc-depth, dvr-depth, dvr-rgb-depth, r2n2, psgn, atlasnet, onet, mean-shape,
-    /// nearest-picture; comma-separated [default: all]
+    /// Rows to make: drc, softras, dvr, dvr-local, drc-depth, dvr-depth, dvr-local-depth, dvr-rgb-depth, r2n2, psgn, atlasnet,
+    /// pixel2mesh, onet, mean-shape, nearest-picture; comma-separated [default: all]
     #[arg(long, value_delimiter = ',', value_name = "ROW", help_heading = "Single pictures (shapenet)")]
     pub rows: Vec<String>,
     /// Optimiser steps of each training [1 to 100000000; default: those of each method]

@@ -131,6 +131,11 @@ pub struct ObjectsArgs {
     /// the views themselves]
     #[arg(long, value_name = "DIR")]
     pub inputs: Option<PathBuf>,
+    /// What makes the latent code of a picture: `convolutional`, `resnet18`; `local`, whose features a decoder also looks up where
+    /// a point lies in the picture (as PIFu); or `codes`, one for each training object, without pictures [default: that of the
+    /// method]
+    #[arg(long, value_name = "KIND", value_parser = ["convolutional", "resnet18", "local", "codes"])]
+    pub encoder: Option<String>,
     /// Initialise the encoder with a trained ResNet-18: torchvision's .pth, or a checkpoint of DVR's reference code
     #[arg(long, value_name = "FILE")]
     pub pretrained: Option<PathBuf>,

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, anyhow, bail};
-use dvr_core::dataset::{Background, input_picture, list_pictures, mask_from_background, square_around};
+use dvr_core::dataset::{Background, InputPicture, input_picture, list_pictures, mask_from_background, square_around};
 use dvr_core::files::{Claim, FolderKind, OutputFolder, Photo, read_mask, read_photo, write_rgb_png};
 use dvr_core::mesh::{Mesh, write_mesh};
 use dvr_core::record::{Digest, RecordKey};
@@ -142,6 +142,7 @@ impl Job<'_> {
             return Ok(false);
         }
         let input = input(&task.picture, self.args, self.size, self.masks.as_ref())?;
+        let input = InputPicture { image: input, camera: None };
         let prediction = predict(&self.model, &input, &self.options)?;
         for warning in &prediction.warnings {
             observer.note(&format!("{}: {warning}", task.picture.display()));

@@ -1,10 +1,21 @@
 //! The picture that an image encoder sees: the object on white, square, of the encoder's size.
 
+use glam::{DMat3, DVec2};
 use image::imageops::{FilterType, overlay, resize};
 use image::{Rgb, RgbImage};
 
+use crate::camera::Camera;
 use crate::files::Photo;
 use crate::raster::Mask;
+
+/// What an image encoder sees of an object.
+#[derive(Clone, Debug)]
+pub struct InputPicture {
+    /// The object on white, square.
+    pub image: RgbImage,
+    /// Its camera in object space, where it is known.
+    pub camera: Option<Camera>,
+}
 
 /// Puts the object on white by its alpha channel, or else by `mask`, pads to a square with white, and scales to `size`
 /// pixels.
@@ -29,6 +40,15 @@ pub fn input_picture(photo: &Photo, mask: Option<&Mask>, size: u32) -> RgbImage 
     if image.width() == size { image } else { resize(&image, size, size, FilterType::Triangle) }
 }
 
+/// The camera of what [`input_picture`] makes of a picture with this camera.
+pub(super) fn input_camera(camera: &Camera, size: u32) -> Camera {
+    let edge = camera.width.max(camera.height);
+    let padding = DVec2::new(f64::from((edge - camera.width) / 2), f64::from((edge - camera.height) / 2));
+    let scale = f64::from(size) / f64::from(edge);
+    let into_square = DMat3::from_scale(DVec2::splat(scale)) * DMat3::from_translation(padding);
+    Camera { width: size, height: size, intrinsics: into_square * camera.intrinsics, ..camera.clone() }
+}
+
 /// A colour that covers `coverage` of 255 of a white pixel.
 fn over_white(color: Rgb<u8>, coverage: u8) -> Rgb<u8> {
     let share = u32::from(coverage);
@@ -37,6 +57,7 @@ fn over_white(color: Rgb<u8>, coverage: u8) -> Rgb<u8> {
 
 #[cfg(test)]
 mod tests {
+    use glam::DVec3;
     use image::{GrayImage, Luma};
 
     use super::*;
@@ -64,6 +85,16 @@ mod tests {
         assert_eq!(input_picture(&plain, Some(&empty), 4).get_pixel(0, 0).0, [255; 3]);
         let other = Mask::from(GrayImage::new(5, 5));
         assert_eq!(input_picture(&plain, Some(&other), 4).get_pixel(0, 0).0, [0; 3]);
+    }
+
+    #[test]
+    fn the_camera_follows_padding_and_scale() {
+        let camera = Camera::look_at(80, 40, 90.0, DVec3::new(0.4, 0.3, -2.0), DVec3::ZERO, DVec3::Y);
+        let of_input = input_camera(&camera, 32);
+        let point = DVec3::new(0.1, 0.2, -0.1);
+        let (pixel, depth) = camera.project(point);
+        let (found, same) = of_input.project(point);
+        assert!((found - (pixel + DVec2::new(0.0, 20.0)) * 0.4).length() < 1e-9 && depth == same, "{found} {pixel}");
     }
 
     #[test]

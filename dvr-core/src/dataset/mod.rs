@@ -41,7 +41,7 @@ mod write_transforms;
 pub use crop::square_around;
 pub use digest::digest_of_scene;
 pub use file_pixels::{PlacesInView, places_in_view};
-pub use input_picture::input_picture;
+pub use input_picture::{InputPicture, input_picture};
 pub use layouts::{ColmapModel, PosedPicture, detect_format, is_object_dataset, read_colmap_model};
 pub use masks::{MASK_FOLDERS, find_masks, mask_from_background};
 pub use object_dataset::{ObjectDataset, ObjectOptions};

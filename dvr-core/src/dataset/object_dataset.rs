@@ -9,10 +9,9 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use glam::DVec3;
-use image::RgbImage;
 use serde::{Deserialize, Serialize};
 
-use super::input_picture::input_picture;
+use super::input_picture::{InputPicture, input_camera, input_picture};
 use super::layouts::dvr::{find_views, read_ground_truth, read_occupancy};
 use super::load::load_view;
 use super::object_files::IMAGE_FOLDERS;
@@ -164,23 +163,30 @@ impl ObjectDataset {
         Ok(view)
     }
 
-    /// Reads a picture for the encoder: the object on white, square, `size` pixels wide.
+    /// Reads a picture for the encoder: the object on white, square, `size` pixels wide. Its camera is known where it is one of
+    /// the views, and no mirror image.
     ///
     /// # Errors
     /// Where the file, or its mask, is missing or damaged.
-    pub fn read_input(&self, object: usize, input: usize, size: u32) -> Result<RgbImage> {
+    pub fn read_input(&self, object: usize, input: usize, size: u32) -> Result<InputPicture> {
         let files = self.files(object)?;
-        let (path, mask) = match &files.names.inputs {
-            Some(inputs) => (self.input_root(object).join(&inputs[input]), None),
+        let (path, mask, projection) = match &files.names.inputs {
+            Some(inputs) => (self.input_root(object).join(&inputs[input]), None, None),
             None => {
                 let names = &files.names.views[input];
                 let root = &self.objects[object].path;
-                (root.join(&names.image), names.mask.as_ref().map(|mask| root.join(mask)))
+                let projection = Some(files.projections[input]).filter(|projection| !projection.mirrors(DVec3::ZERO));
+                (root.join(&names.image), names.mask.as_ref().map(|mask| root.join(mask)), projection)
             }
         };
         let photo = read_photo(&path)?;
         let mask = mask.filter(|_| photo.alpha.is_none()).map(|mask| read_mask(&mask)).transpose()?;
-        Ok(input_picture(&photo, mask.as_ref(), size))
+        let (width, height) = photo.image.dimensions();
+        let camera = projection.and_then(|projection| projection.camera(width, height).ok());
+        Ok(InputPicture {
+            image: input_picture(&photo, mask.as_ref(), size),
+            camera: camera.map(|camera| input_camera(&camera, size)),
+        })
     }
 
     /// Reads the true shape, as far as the object has it.

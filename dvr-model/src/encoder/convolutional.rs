@@ -56,10 +56,22 @@ impl Convolutional {
 
     /// Codes `[b, code_dim]` of images `[b, 3, height, width]`, sRGB in `[0, 1]`.
     pub fn forward(&self, images: Tensor<4>) -> Tensor<2> {
-        let mut net = self.conv0.forward(images);
-        for convolution in [&self.conv1, &self.conv2, &self.conv3, &self.conv4] {
-            net = convolution.forward(relu(net));
-        }
-        self.fc_out.forward(relu(global_mean(net)))
+        let [.., last] = self.maps(images);
+        self.code(relu(global_mean(last)))
+    }
+
+    /// What the convolutions make, before their ReLUs.
+    pub(super) fn maps(&self, images: Tensor<4>) -> [Tensor<4>; 5] {
+        let map0 = self.conv0.forward(images);
+        let map1 = self.conv1.forward(relu(map0.clone()));
+        let map2 = self.conv2.forward(relu(map1.clone()));
+        let map3 = self.conv3.forward(relu(map2.clone()));
+        let map4 = self.conv4.forward(relu(map3.clone()));
+        [map0, map1, map2, map3, map4]
+    }
+
+    /// Codes of the features of pictures, `[b, 16 width]`.
+    pub(super) fn code(&self, features: Tensor<2>) -> Tensor<2> {
+        self.fc_out.forward(features)
     }
 }

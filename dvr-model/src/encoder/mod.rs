@@ -2,6 +2,7 @@
 
 mod codes;
 mod convolutional;
+mod local;
 mod pooling;
 mod resnet18;
 #[cfg(test)]
@@ -14,6 +15,7 @@ use serde::{Deserialize, Serialize};
 
 pub use codes::Codes;
 pub use convolutional::Convolutional;
+pub use local::{Local, LocalFeatures};
 pub use resnet18::{BasicBlock, Resnet18, Resnet18Features};
 
 /// Configuration of an [`Encoder`]; in JSON its `kind` says which, and what is left out has its default.
@@ -35,6 +37,18 @@ pub enum EncoderConfig {
         #[serde(default = "width")]
         width: usize,
     },
+    /// The convolutional one, whose features a decoder finds where a point lies in the picture, see [`Local`].
+    Local {
+        /// Side that images are resized to, pixels.
+        #[serde(default = "small_image_size")]
+        image_size: usize,
+        /// Channels of the first layer; each further layer has twice as many.
+        #[serde(default = "width")]
+        width: usize,
+        /// Features of a place in the picture.
+        #[serde(default = "channels")]
+        channels: usize,
+    },
     /// A learned code for each training object and no image, see [`Codes`].
     Codes {
         /// How many objects; training fills it in.
@@ -48,6 +62,15 @@ fn image_size() -> usize {
     224
 }
 
+/// The side of the images of the default, which features of places are made for.
+fn small_image_size() -> usize {
+    64
+}
+
+fn channels() -> usize {
+    64
+}
+
 /// Channels of the first convolution in DVR's reference code.
 fn width() -> usize {
     32
@@ -55,8 +78,12 @@ fn width() -> usize {
 
 impl EncoderConfig {
     /// The range of every number of any kind.
-    pub const RANGES: &[NumberRange] =
-        &[whole("image_size", 16, 4096), whole("width", 1, 1024), whole("objects", 0, 10_000_000)];
+    pub const RANGES: &[NumberRange] = &[
+        whole("image_size", 16, 4096),
+        whole("width", 1, 1024),
+        whole("channels", 1, 4096),
+        whole("objects", 0, 10_000_000),
+    ];
 }
 
 impl Default for EncoderConfig {
@@ -70,7 +97,9 @@ impl EncoderConfig {
     /// Side that images are resized to, pixels; `None` where there are no images.
     pub fn image_size(&self) -> Option<usize> {
         match self {
-            Self::Resnet18 { image_size } | Self::Convolutional { image_size, .. } => Some(*image_size),
+            Self::Resnet18 { image_size } | Self::Convolutional { image_size, .. } | Self::Local { image_size, .. } => {
+                Some(*image_size)
+            }
             Self::Codes { .. } => None,
         }
     }
@@ -81,7 +110,9 @@ impl EncoderConfig {
     /// Names the size and the least that there must be.
     pub fn check_image_size(&self) -> Result<(), OutOfRange> {
         match *self {
-            Self::Convolutional { image_size, .. } if image_size < Convolutional::SMALLEST_IMAGE => {
+            Self::Convolutional { image_size, .. } | Self::Local { image_size, .. }
+                if image_size < Convolutional::SMALLEST_IMAGE =>
+            {
                 let range = format!("at least {} for the convolutional encoder", Convolutional::SMALLEST_IMAGE);
                 Err(OutOfRange::new("encoder.image_size", image_size, range))
             }
@@ -94,7 +125,7 @@ impl EncoderConfig {
         let code_dim = code_dim as u64;
         match *self {
             Self::Resnet18 { .. } => code_dim.saturating_mul(512),
-            Self::Convolutional { width, .. } => {
+            Self::Convolutional { width, .. } | Self::Local { width, .. } => {
                 let width = width.max(1) as u64;
                 let last = width.saturating_mul(width).saturating_mul(8 * 16 * 9);
                 last.saturating_add(code_dim.saturating_mul(width.saturating_mul(16)))
@@ -108,6 +139,7 @@ impl EncoderConfig {
         match *self {
             Self::Resnet18 { .. } => Encoder::Resnet18(Resnet18::new(code_dim, device)),
             Self::Convolutional { width, .. } => Encoder::Convolutional(Convolutional::new(width, code_dim, device)),
+            Self::Local { width, channels, .. } => Encoder::Local(Local::new(width, channels, code_dim, device)),
             Self::Codes { objects } => Encoder::Codes(Codes::new(objects, code_dim, device)),
         }
     }
@@ -121,6 +153,8 @@ pub enum Encoder {
     Resnet18(Resnet18),
     /// From an image, by five convolutions.
     Convolutional(Convolutional),
+    /// From an image, by five convolutions whose features stay where they are.
+    Local(Local),
     /// From the object's number.
     Codes(Codes),
 }
@@ -134,6 +168,7 @@ impl Encoder {
         match self {
             Self::Resnet18(encoder) => encoder.forward(images),
             Self::Convolutional(encoder) => encoder.forward(images),
+            Self::Local(encoder) => encoder.forward(images).codes,
             Self::Codes(codes) => codes.forward(objects),
         }
     }

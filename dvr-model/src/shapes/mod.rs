@@ -1,5 +1,6 @@
 //! Decoders that make a whole shape of a latent code at once: the representations that DVR is compared with (section 4.2).
 
+mod graph;
 mod patches;
 mod points;
 mod shape_model;
@@ -13,6 +14,7 @@ use burn::tensor::Device;
 use dvr_core::number_range::{NumberRange, whole};
 use serde::{Deserialize, Serialize};
 
+pub use graph::{Deformed, GraphDecoder};
 pub use patches::PatchDecoder;
 pub use points::PointDecoder;
 pub use shape_model::{ShapeModel, ShapeModelConfig};
@@ -45,6 +47,12 @@ pub enum ShapeDecoderConfig {
         #[serde(default = "patch_width")]
         width: usize,
     },
+    /// A ball that is deformed by features of the picture, see [`GraphDecoder`]; for the encoder of kind `local`.
+    Graph {
+        /// Features of a vertex.
+        #[serde(default = "graph_width")]
+        width: usize,
+    },
     /// A sphere that is deformed, see [`SphereDecoder`].
     Sphere {
         /// Width of the first hidden layer; the second has twice as much.
@@ -69,6 +77,10 @@ fn patch_width() -> usize {
     128
 }
 
+fn graph_width() -> usize {
+    64
+}
+
 fn sphere_width() -> usize {
     256
 }
@@ -84,18 +96,21 @@ impl ShapeDecoderConfig {
             Self::Points { width } => width.saturating_mul(PointDecoder::FIRST),
             Self::Patches { patches, width } => patches.saturating_mul(width),
             Self::Sphere { width } => width,
+            // It takes no codes.
+            Self::Graph { width } => return (width as u64).saturating_mul(width as u64),
         };
         (code_dim as u64).saturating_mul(first as u64)
     }
 
-    /// A decoder of codes of length `code_dim` with fresh parameters.
-    pub fn init(&self, code_dim: usize, device: &Device) -> ShapeDecoder {
+    /// A decoder of codes of length `code_dim`, or of so many features of a place in a picture, with fresh parameters.
+    pub fn init(&self, code_dim: usize, channels: usize, device: &Device) -> ShapeDecoder {
         match *self {
             Self::Voxels { width } => ShapeDecoder::Voxels(VoxelDecoder::new(width, code_dim, device)),
             Self::Points { width } => ShapeDecoder::Points(PointDecoder::new(width, code_dim, device)),
             Self::Patches { patches, width } => {
                 ShapeDecoder::Patches(PatchDecoder::new(patches, width, code_dim, device))
             }
+            Self::Graph { width } => ShapeDecoder::Graph(GraphDecoder::new(width, channels, device)),
             Self::Sphere { width } => ShapeDecoder::Sphere(SphereDecoder::new(width, code_dim, device)),
         }
     }
@@ -111,6 +126,8 @@ pub enum ShapeDecoder {
     Points(PointDecoder),
     /// As pieces of surface.
     Patches(PatchDecoder),
+    /// As a ball that is deformed by features of the picture.
+    Graph(GraphDecoder),
     /// As a deformed sphere.
     Sphere(SphereDecoder),
 }

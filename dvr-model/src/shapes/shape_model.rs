@@ -2,10 +2,11 @@
 
 use burn::module::Module;
 use burn::tensor::{Device, Int, Tensor};
+use dvr_core::Camera;
 use dvr_core::number_range::{NumberRange, OutOfRange, check_config, nested, whole};
 use serde::{Deserialize, Serialize};
 
-use super::{ShapeDecoder, ShapeDecoderConfig};
+use super::{Deformed, ShapeDecoder, ShapeDecoderConfig};
 use crate::encoder::{Encoder, EncoderConfig};
 
 /// Configuration of a [`ShapeModel`].
@@ -33,6 +34,11 @@ impl ShapeModelConfig {
     /// Names the first value that is out of range.
     pub fn check(&self) -> Result<(), OutOfRange> {
         check_config(self, &Self::ranges())?;
+        if matches!(self.decoder, ShapeDecoderConfig::Graph { .. })
+            && !matches!(self.encoder, EncoderConfig::Local { .. })
+        {
+            return Err(OutOfRange::new("encoder.kind", "not `local`", "`local` for the decoder of kind `graph`"));
+        }
         self.encoder.check_image_size()
     }
 
@@ -43,10 +49,12 @@ impl ShapeModelConfig {
 
     /// A model with fresh parameters.
     pub fn init(&self, device: &Device) -> ShapeModel {
-        ShapeModel {
-            encoder: self.encoder.init(self.code_dim, device),
-            decoder: self.decoder.init(self.code_dim, device),
-        }
+        let encoder = self.encoder.init(self.code_dim, device);
+        let channels = match &encoder {
+            Encoder::Local(local) => local.channels(),
+            Encoder::Resnet18(_) | Encoder::Convolutional(_) | Encoder::Codes(_) => 0,
+        };
+        ShapeModel { encoder, decoder: self.decoder.init(self.code_dim, channels, device) }
     }
 }
 
@@ -63,5 +71,19 @@ impl ShapeModel {
     /// Codes `[b, code_dim]` of a batch of objects; see [`Encoder::forward`].
     pub fn codes(&self, images: Tensor<4>, objects: Tensor<1, Int>) -> Tensor<2> {
         self.encoder.forward(images, objects)
+    }
+
+    /// The meshes of the stages of a [`GraphDecoder`], and how far the cameras that the encoder guesses are from those
+    /// that are known, `[1]`. `cameras` are those of the images, in object space; without them, they are guessed. `None` where
+    /// the model has none of these.
+    pub fn deformed(
+        &self,
+        images: Tensor<4>,
+        cameras: Option<&[Camera]>,
+    ) -> Option<(Vec<Deformed>, Option<Tensor<1>>)> {
+        let (Encoder::Local(local), ShapeDecoder::Graph(decoder)) = (&self.encoder, &self.decoder) else { return None };
+        let (objects, device) = (images.dims()[0], images.device());
+        let (aligned, _, error) = local.aligned(images, cameras);
+        Some((decoder.forward(&aligned, objects, &device), error))
     }
 }

@@ -1,10 +1,13 @@
 use burn::module::Module;
 use burn::tensor::{Device, Distribution, Tensor};
+use dvr_core::Camera;
+use glam::DVec3;
 use safetensors::SafeTensors;
 
 use super::*;
 use crate::{EncoderConfig, from_safetensors, to_safetensors};
 
+/// What makes shapes of codes.
 const KINDS: [ShapeDecoderConfig; 4] = [
     ShapeDecoderConfig::Voxels { width: 4 },
     ShapeDecoderConfig::Points { width: 4 },
@@ -22,6 +25,7 @@ fn outputs(decoder: &ShapeDecoder, codes: Tensor<2>) -> Tensor<2> {
             decoder.forward(codes, places).flatten(1, 2)
         }
         ShapeDecoder::Sphere(decoder) => decoder.forward(codes).flatten(1, 2),
+        ShapeDecoder::Graph(_) => unreachable!("has no codes"),
     }
 }
 
@@ -29,7 +33,7 @@ fn outputs(decoder: &ShapeDecoder, codes: Tensor<2>) -> Tensor<2> {
 fn every_decoder_makes_a_shape_of_each_code_and_all_of_its_parameters_learn() {
     let device = Device::flex().autodiff();
     for (kind, numbers) in KINDS.into_iter().zip([32 * 32 * 32, 3 * PointDecoder::POINTS, 3 * 3 * 7, 3 * 642]) {
-        let decoder = kind.init(5, &device);
+        let decoder = kind.init(5, 0, &device);
         let codes = Tensor::<2>::random([2, 5], Distribution::Normal(0.0, 1.0), &device);
         let made = outputs(&decoder, codes);
         assert_eq!(made.dims(), [2, numbers], "{kind:?}");
@@ -45,7 +49,7 @@ fn every_decoder_makes_a_shape_of_each_code_and_all_of_its_parameters_learn() {
 fn codes_of_one_batch_do_not_touch_each_other() {
     let device = Device::flex();
     for kind in [KINDS[0], KINDS[1], KINDS[3]] {
-        let decoder = kind.init(5, &device);
+        let decoder = kind.init(5, 0, &device);
         let codes = Tensor::<2>::random([3, 5], Distribution::Normal(0.0, 1.0), &device);
         let second = outputs(&decoder, codes.clone().narrow(0, 1, 1));
         let difference = (outputs(&decoder, codes).narrow(0, 1, 1) - second).abs().max();
@@ -82,10 +86,53 @@ fn a_sphere_starts_as_the_sphere_and_stays_in_the_cube() {
 }
 
 #[test]
+fn a_graph_deforms_a_ball_by_what_the_camera_sees_and_all_of_its_parameters_learn() {
+    let device = Device::flex().autodiff();
+    let encoder = EncoderConfig::Local { image_size: 64, width: 2, channels: 4 };
+    let config = ShapeModelConfig { encoder, code_dim: 3, decoder: ShapeDecoderConfig::Graph { width: 8 } };
+    let model = config.init(&device);
+    let pictures = Tensor::random([2, 3, 64, 64], Distribution::Uniform(0.0, 1.0), &device);
+    let camera = |eye| Camera::look_at(64, 64, 60.0, eye, DVec3::ZERO, DVec3::Y);
+    let cameras = [camera(DVec3::new(0.3, 0.4, -2.0)), camera(DVec3::new(-1.5, 0.2, 1.0))];
+    let (stages, error) = model.deformed(pictures.clone(), Some(&cameras)).unwrap();
+    let sizes: Vec<[usize; 3]> = stages.iter().map(|stage| stage.vertices.dims()).collect();
+    assert_eq!(sizes, [[2, 42, 3], [2, 162, 3], [2, 642, 3]]);
+    let finest = stages.last().unwrap().vertices.clone();
+    let length: Vec<f32> = finest.clone().square().sum_dim(2).sqrt().into_data().iter::<f32>().collect();
+    assert!(length.iter().all(|length| (0.15..0.3).contains(length)), "it starts near the ball");
+    let weights = Tensor::random(finest.dims(), Distribution::Uniform(-1.0, 1.0), &device);
+    let loss = (finest * weights).sum() + error.unwrap().sum();
+    let gradients = burn::optim::GradientsParams::from_grads(loss.backward(), &model);
+    // Of the convolutions' last layer and the code's, which the vertices do not depend on, the first learns from the cameras.
+    let (all, of_code) = (count_parameters(&model), 2);
+    assert_eq!(gradients.len(), all - of_code);
+    let elsewhere = model.deformed(pictures, Some(&[cameras[1].clone(), cameras[0].clone()])).unwrap().0;
+    let moved = (elsewhere[0].vertices.clone() - stages[0].vertices.clone()).abs().max().into_scalar::<f32>();
+    assert!(moved > 0.0);
+}
+
+/// How many tensors a model learns.
+fn count_parameters(model: &ShapeModel) -> usize {
+    struct Count(usize);
+    impl burn::module::ModuleVisitor for Count {
+        fn visit_float<const D: usize>(&mut self, param: &burn::module::Param<Tensor<D>>) {
+            self.0 += usize::from(param.val().is_require_grad());
+        }
+    }
+    let mut count = Count(0);
+    model.visit(&mut count);
+    count.0
+}
+
+#[test]
 fn a_model_comes_back_from_its_file_with_the_same_values() {
     let device = Device::flex();
-    for decoder in KINDS {
-        let encoder = EncoderConfig::Codes { objects: 3 };
+    let graph = ShapeDecoderConfig::Graph { width: 8 };
+    for decoder in KINDS.into_iter().chain([graph]) {
+        let encoder = match decoder {
+            ShapeDecoderConfig::Graph { .. } => EncoderConfig::Local { image_size: 64, width: 2, channels: 4 },
+            _ => EncoderConfig::Codes { objects: 3 },
+        };
         let config = ShapeModelConfig { encoder, code_dim: 5, decoder };
         config.check().unwrap();
         let model = config.init(&device);

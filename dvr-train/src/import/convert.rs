@@ -94,7 +94,11 @@ pub fn import(found: &mut PytorchCheckpoint, options: ImportOptions, device: &De
                     let encoder = EncoderConfig::Codes { objects: codes.len() };
                     let weight = Param::from_tensor(table(&codes, length, device)?);
                     let method = of_objects(config.as_ref(), encoder, model.clone(), found.learning_rate);
-                    let model = ImageModel { encoder: Encoder::Codes(Codes { weight }), decoder: network.clone() };
+                    let model = ImageModel {
+                        encoder: Encoder::Codes(Codes { weight }),
+                        decoder: network.clone(),
+                        aligned: None,
+                    };
                     (method, state_of(&model, adam.as_ref())?)
                 }
             }

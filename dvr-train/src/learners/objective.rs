@@ -24,6 +24,17 @@ pub struct StepLoss {
     pub mask_iou: f64,
 }
 
+impl StepLoss {
+    /// The same with another term, where there is one.
+    pub(crate) fn with_term(mut self, name: &'static str, term: Option<Tensor<1>>) -> Self {
+        if let Some(term) = term {
+            self.total = self.total + term.clone();
+            self.terms.push((name, term));
+        }
+        self
+    }
+}
+
 /// The random numbers of a step, drawn beforehand: the step itself is a pure function.
 #[derive(Clone, Debug)]
 pub struct StepNoise {

@@ -81,6 +81,8 @@ pub(crate) fn system_step_bytes(config: &SystemConfig) -> u64 {
         ShapeDecoderConfig::Voxels { width } => 1.25 * 8.0 * 17f64.powi(3) * width as f64 + 4.0 * 32f64.powi(3),
         ShapeDecoderConfig::Points { width } => 4.0 * 768.0 * width as f64,
         ShapeDecoderConfig::Patches { width, .. } => 1.75 * (config.points * width) as f64,
+        // The last of three stages, of 642 vertices, and the others, a third of it: six layers with six neighbours of each vertex.
+        ShapeDecoderConfig::Graph { width } => 1.4 * 642.0 * 6.0 * 8.0 * width as f64 / LAYERS_PER_BLOCK,
         ShapeDecoderConfig::Sphere { width } => 3.0 * width as f64 + 12.0 * 1920.0,
     };
     let weights = config.model().parameters() as f64;
@@ -95,6 +97,11 @@ fn image_bytes(encoder: &EncoderConfig) -> f64 {
         EncoderConfig::Resnet18 { image_size } => RESNET_BYTES_PER_PIXEL * (image_size * image_size) as f64,
         EncoderConfig::Convolutional { image_size, width } => {
             CONVOLUTIONAL_BYTES_PER_PIXEL * (width * image_size * image_size) as f64
+        }
+        // Five layers of the plane, at half the picture's size, beside the convolutions.
+        EncoderConfig::Local { image_size, width, channels } => {
+            (CONVOLUTIONAL_BYTES_PER_PIXEL * *width as f64 + 0.25 * 5.0 * NUMBER * *channels as f64)
+                * (image_size * image_size) as f64
         }
         EncoderConfig::Codes { .. } => 0.0,
     }
@@ -123,6 +130,9 @@ fn objects_step(config: &ObjectsConfig) -> f64 {
     let weights = match &config.encoder {
         EncoderConfig::Resnet18 { .. } => 11.3e6,
         EncoderConfig::Convolutional { width, .. } => 1600.0 * (width * width) as f64,
+        EncoderConfig::Local { width, channels, .. } => {
+            1600.0 * (width * width) as f64 + 9.0 * (channels * channels) as f64
+        }
         EncoderConfig::Codes { objects } => (objects * train.model.code_dim) as f64,
     };
     let images = image_bytes(&config.encoder);

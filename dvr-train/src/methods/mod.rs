@@ -64,6 +64,7 @@ pub static METHODS: &[MethodEntry] = &[
     system(System::R2n2, "3D-R2N2 (Choy et al. 2016), of one picture: voxels, from 3D", |s| Box::new(SystemMethod::new(System::R2n2, s))),
     system(System::Psgn, "Point Set Generation (Fan et al. 2017): points, from 3D", |s| Box::new(SystemMethod::new(System::Psgn, s))),
     system(System::AtlasNet, "AtlasNet (Groueix et al. 2018): pieces of surface, from 3D", |s| Box::new(SystemMethod::new(System::AtlasNet, s))),
+    system(System::Pixel2Mesh, "Pixel2Mesh (Wang et al. 2018): a ball, deformed by features of the picture, from 3D", |s| Box::new(SystemMethod::new(System::Pixel2Mesh, s))),
     system(System::Drc, "Differentiable Ray Consistency (Tulsiani et al. 2017): voxels, from masks or depth maps", |s| Box::new(SystemMethod::new(System::Drc, s))),
     system(System::SoftRas, "Soft Rasterizer (Liu et al. 2019): a deformed sphere, from masks", |s| Box::new(SystemMethod::new(System::SoftRas, s))),
 ];

@@ -2,10 +2,9 @@
 
 use std::sync::Arc;
 
-use dvr_core::dataset::ObjectDataset;
+use dvr_core::dataset::{InputPicture, ObjectDataset};
 use dvr_core::{OccupancySamples, View};
 use glam::Vec3;
-use image::RgbImage;
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 
@@ -23,7 +22,7 @@ pub struct ObjectsBatch {
     /// Place of each object among the training objects.
     pub rows: Vec<i64>,
     /// What the encoder sees of each object; empty where it sees nothing.
-    pub inputs: Vec<RgbImage>,
+    pub inputs: Vec<InputPicture>,
     /// What is learned from.
     pub targets: Targets,
 }
@@ -96,8 +95,7 @@ impl BatchDrawer {
     /// # Errors
     /// When the dataset has no training objects.
     pub fn new(dataset: Arc<ObjectDataset>, config: ObjectsConfig) -> Result<Self> {
-        let image_size = config.encoder.image_size();
-        let objects = ObjectDrawer::new(dataset.clone(), config.objects, config.train.seed, image_size)?;
+        let objects = ObjectDrawer::new(dataset.clone(), config.objects, config.train.seed, &config.encoder)?;
         let hulls = config.uses_hulls().then(|| Hulls::new(config.train.hull.resolution));
         Ok(Self { dataset, config, objects, hulls })
     }

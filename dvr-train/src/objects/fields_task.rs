@@ -2,16 +2,15 @@
 
 use std::sync::Arc;
 
-use burn::module::Module;
 use burn::tensor::{Device, Tensor, TensorData};
 use dvr_core::dataset::ObjectDataset;
-use dvr_model::{Conditioned, Encoder, ImageModel};
+use dvr_model::{Conditioned, Encoder, ImageModel, Seen};
 use dvr_render::{Field, Query, ViewMetrics};
 use glam::Vec3;
 
 use super::config::ObjectsConfig;
 use super::draw::{BatchDrawer, ObjectsBatch, Targets};
-use super::model::{image_tensor, rows_tensor, with_surface_at};
+use super::model::{cameras_of, image_tensor, rows_tensor, with_surface_at};
 use super::object_drawer::ObjectDrawer;
 use super::task::{ObjectBatch, ObjectsTask, TaskSettings};
 use super::validate::{ValidationView, validate};
@@ -98,6 +97,9 @@ impl ObjectBatch for ObjectsBatch {
     }
 }
 
+/// Weight of what encoders guess of cameras: the guess is for pictures without one, and shapes come first.
+pub(crate) const CAMERA_WEIGHT: f64 = 0.1;
+
 /// The loss of some objects after so many steps: a picture of each is encoded, and what their fields show compared with
 /// the targets.
 fn objects_loss(
@@ -107,12 +109,12 @@ fn objects_loss(
     steps_done: usize,
     device: &Device,
 ) -> StepLoss {
-    let images = image_tensor(&batch.inputs.iter().collect::<Vec<_>>(), device);
-    let rows = rows_tensor(&batch.rows, device);
-    let codes = model.codes(Tensor::from_inner(images), Tensor::from_inner(rows));
-    let frozen = model.decoder.valid().with_codes(codes.clone().inner());
-    let field = model.field(codes);
-    match batch.targets {
+    let inputs: Vec<_> = batch.inputs.iter().collect();
+    let images = Tensor::from_inner(image_tensor(&inputs, device));
+    let rows = Tensor::from_inner(rows_tensor(&batch.rows, device));
+    let Seen { field, camera_error } = model.see(images, rows, cameras_of(&inputs).as_deref());
+    let frozen = field.without_gradients();
+    let loss = match batch.targets {
         Targets::Pixels { pixels, owner, noise } => {
             let config = config.objective();
             let batch = PixelBatch::of_pixels(pixels, config.sampling().patch_pixels(), None, device);
@@ -121,7 +123,8 @@ fn objects_loss(
         Targets::Points { points, inside, owner } => {
             occupancy_loss(&field, &points, &inside, &owner, &device.clone().autodiff())
         }
-    }
+    };
+    loss.with_term("camera", camera_error.map(|error| error * CAMERA_WEIGHT))
 }
 
 /// The Occupancy Network objective, a mean over points, in the form of the other targets; the IoU is that of the

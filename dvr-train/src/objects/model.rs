@@ -2,12 +2,12 @@
 
 use burn::module::Module;
 use burn::tensor::{Device, Int, Tensor, TensorData};
+use dvr_core::dataset::InputPicture;
 use dvr_core::mesh::Mesh;
-use dvr_core::{Supervision, UnitCube};
+use dvr_core::{Camera, Supervision, UnitCube};
 use dvr_model::{Conditioned, ImageModel};
 use dvr_render::extract::FieldSurface;
 use dvr_render::{MarchSettings, RenderSettings, SkipGrid};
-use image::RgbImage;
 
 use super::config::ObjectsConfig;
 use crate::error::Result;
@@ -47,15 +47,13 @@ impl FieldsModel {
     }
 
     /// The field of the object in a picture as [`dvr_core::dataset::input_picture`] makes them.
-    pub fn field_of_picture(&self, picture: &RgbImage) -> Conditioned {
-        let device = self.device();
-        self.model.field(self.model.codes(image_tensor(&[picture], &device), rows_tensor(&[0], &device)))
+    pub fn field_of_picture(&self, picture: &InputPicture) -> Conditioned {
+        field_of(&self.model, Some(picture), 0, &self.device())
     }
 
     /// The field of a training object, given its place among them: for models without pictures.
     pub fn field_of_row(&self, row: usize) -> Conditioned {
-        let device = self.device();
-        self.model.field(self.model.codes(image_tensor(&[], &device), rows_tensor(&[row as i64], &device)))
+        field_of(&self.model, None, row as i64, &self.device())
     }
 
     /// A mesh of one of its fields, without the colours where none were learned: 3D supervision has no pictures.
@@ -93,13 +91,25 @@ pub(crate) fn skip_grid(field: &Conditioned) -> SkipGrid {
     SkipGrid::build(&FieldSurface::new(field), UnitCube::default(), SKIP_CELLS)
 }
 
+/// The field of the object in a picture, or of the training object with this place among them.
+pub(crate) fn field_of(model: &ImageModel, picture: Option<&InputPicture>, row: i64, device: &Device) -> Conditioned {
+    let pictures: Vec<&InputPicture> = picture.into_iter().collect();
+    model.see(image_tensor(&pictures, device), rows_tensor(&[row], device), cameras_of(&pictures).as_deref()).field
+}
+
+/// The cameras of pictures, where all are known.
+pub(crate) fn cameras_of(pictures: &[&InputPicture]) -> Option<Vec<Camera>> {
+    pictures.iter().map(|picture| picture.camera.clone()).collect()
+}
+
 /// Pictures of one size as `[b, 3, size, size]`, sRGB in `[0, 1]`; without pictures, one of one pixel that nobody looks
 /// at.
-pub(crate) fn image_tensor(pictures: &[&RgbImage], device: &Device) -> Tensor<4> {
+pub(crate) fn image_tensor(pictures: &[&InputPicture], device: &Device) -> Tensor<4> {
     let Some(first) = pictures.first() else { return Tensor::zeros([1, 3, 1, 1], device) };
-    let (width, height) = (first.width() as usize, first.height() as usize);
-    let channel =
-        |picture: &RgbImage, c: usize| picture.pixels().map(|p| f32::from(p.0[c]) / 255.0).collect::<Vec<_>>();
+    let (width, height) = (first.image.width() as usize, first.image.height() as usize);
+    let channel = |picture: &InputPicture, c: usize| {
+        picture.image.pixels().map(|p| f32::from(p.0[c]) / 255.0).collect::<Vec<_>>()
+    };
     let values: Vec<f32> = pictures.iter().flat_map(|picture| (0..3).flat_map(|c| channel(picture, c))).collect();
     Tensor::from_data(TensorData::new(values, [pictures.len(), 3, height, width]), device)
 }

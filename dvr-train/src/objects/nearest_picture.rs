@@ -34,7 +34,8 @@ impl NearestPicture {
             .par_iter()
             .map(|&object| {
                 let inputs = 0..dataset.inputs(object)?;
-                let pictures = inputs.map(|input| Ok(dataset.read_input(object, input, SIZE)?.into_raw())).collect();
+                let pictures =
+                    inputs.map(|input| Ok(dataset.read_input(object, input, SIZE)?.image.into_raw())).collect();
                 progress(done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1);
                 pictures
             })
@@ -67,7 +68,7 @@ impl NearestPicture {
     /// # Errors
     /// Where the object's picture cannot be read.
     pub fn find(&self, dataset: &ObjectDataset, object: usize, input: usize) -> Result<usize> {
-        let picture = dataset.read_input(object, input, SIZE)?.into_raw();
+        let picture = dataset.read_input(object, input, SIZE)?.image.into_raw();
         let distance = |other: &Vec<u8>| -> u64 {
             picture.iter().zip(other).map(|(&a, &b)| u64::from(a.abs_diff(b)).pow(2)).sum()
         };

@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use dvr_core::Split;
-use dvr_core::dataset::ObjectDataset;
-use image::RgbImage;
+use dvr_core::dataset::{InputPicture, ObjectDataset};
+use dvr_model::EncoderConfig;
 use rand::Rng;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
@@ -27,8 +27,8 @@ pub struct ObjectDrawer {
     /// Objects a step.
     count: usize,
     seed: u64,
-    /// Side of the encoder's pictures; `None` where it sees none.
-    image_size: Option<usize>,
+    /// What sees the pictures.
+    encoder: EncoderConfig,
     broken: Mutex<BTreeMap<usize, String>>,
 }
 
@@ -37,7 +37,7 @@ pub struct DrawnObject<T> {
     /// Its place among the training objects.
     pub row: usize,
     /// What the encoder sees of it.
-    pub input: Option<RgbImage>,
+    pub input: Option<InputPicture>,
     /// What is learned from.
     pub target: T,
 }
@@ -45,7 +45,7 @@ pub struct DrawnObject<T> {
 impl ObjectDrawer {
     /// # Errors
     /// When the dataset has no training objects.
-    pub fn new(dataset: Arc<ObjectDataset>, count: usize, seed: u64, image_size: Option<usize>) -> Result<Self> {
+    pub fn new(dataset: Arc<ObjectDataset>, count: usize, seed: u64, encoder: &EncoderConfig) -> Result<Self> {
         let objects = dataset.of_split(Split::Train);
         if objects.is_empty() {
             return Err(dvr_core::Error::format(
@@ -55,7 +55,7 @@ impl ObjectDrawer {
             )
             .into());
         }
-        Ok(Self { dataset, objects, count, seed, image_size, broken: Mutex::default() })
+        Ok(Self { dataset, objects, count, seed, encoder: encoder.clone(), broken: Mutex::default() })
     }
 
     /// How many objects are trained on.
@@ -140,11 +140,18 @@ impl ObjectDrawer {
     ) -> Result<DrawnObject<T>> {
         let object = self.objects[row];
         let mut rng = step_rng(self.seed, stream);
-        let input = match self.image_size {
+        let input = match self.encoder.image_size() {
             None => None,
             Some(size) => {
                 let input = rng.random_range(0..self.dataset.inputs(object)?);
-                Some(self.dataset.read_input(object, input, size as u32)?)
+                let picture = self.dataset.read_input(object, input, size as u32)?;
+                if picture.camera.is_none() && matches!(self.encoder, EncoderConfig::Local { .. }) {
+                    let path = &self.dataset.objects()[object].path;
+                    let remedy =
+                        "The encoder of kind `local` learns from pictures that are views of the object, with cameras.";
+                    return Err(dvr_core::Error::format(path, "the encoder's pictures have no cameras", remedy).into());
+                }
+                Some(picture)
             }
         };
         Ok(DrawnObject { row, input, target: target(object, &mut rng)? })

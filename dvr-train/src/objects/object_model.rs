@@ -4,10 +4,10 @@ use std::path::Path;
 
 use burn::module::Module;
 use burn::tensor::Device;
+use dvr_core::dataset::InputPicture;
 use dvr_core::mesh::Mesh;
 use dvr_model::{Conditioned, EncoderConfig, RecordError, save_safetensors};
 use dvr_render::extract::{ExtractSettings, FieldSurface};
-use image::RgbImage;
 
 use super::config::ObjectsConfig;
 use super::model::FieldsModel;
@@ -75,7 +75,7 @@ impl ObjectModel {
     ///
     /// # Errors
     /// When a surface needs more memory than there is.
-    pub fn shape_of_picture(&self, picture: &RgbImage, extraction: &ExtractSettings) -> Result<Shape> {
+    pub fn shape_of_picture(&self, picture: &InputPicture, extraction: &ExtractSettings) -> Result<Shape> {
         match self {
             Self::Fields(model) => shape_of_field(model, &model.field_of_picture(picture), extraction),
             Self::System(model) => Ok(model.shape(Some(picture), 0, extraction)),

@@ -1,5 +1,6 @@
 //! From one picture of an unknown object to its mesh.
 
+use dvr_core::dataset::InputPicture;
 use dvr_core::mesh::Mesh;
 use dvr_render::extract::FieldSurface;
 use dvr_render::{MeshShader, Shader, render_view};
@@ -33,7 +34,7 @@ const SIDES: [(f64, f64); 2] = [(30.0, 20.0), (210.0, 20.0)];
 ///
 /// # Errors
 /// When the model takes no pictures, or sees no surface in this one.
-pub fn predict(model: &ObjectModel, picture: &RgbImage, options: &MeshOptions) -> Result<Prediction> {
+pub fn predict(model: &ObjectModel, picture: &InputPicture, options: &MeshOptions) -> Result<Prediction> {
     model.picture_size()?;
     let (shape, warnings) = match model {
         ObjectModel::Fields(model) => {
@@ -46,7 +47,7 @@ pub fn predict(model: &ObjectModel, picture: &RgbImage, options: &MeshOptions) -
     if shape.drawn().is_empty() {
         return Err(Error::NothingSeen);
     }
-    let preview = preview_of(picture, &shape.drawn());
+    let preview = preview_of(&picture.image, &shape.drawn());
     Ok(Prediction { shape, preview, warnings })
 }
 

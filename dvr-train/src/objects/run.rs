@@ -244,7 +244,7 @@ fn row_of(model: &ObjectModel, dataset: &ObjectDataset, object: usize, row: usiz
     let mut pictures = Vec::new();
     if let Some(picture) = &picture {
         let width = view.image.width().min(PREVIEW.1);
-        pictures.push(resize(picture, width, width, FilterType::Triangle));
+        pictures.push(resize(&picture.image, width, width, FilterType::Triangle));
     }
     match model {
         ObjectModel::Fields(model) => {

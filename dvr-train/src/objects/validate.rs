@@ -2,14 +2,13 @@
 //! sides.
 
 use burn::tensor::Device;
-use dvr_core::dataset::ObjectDataset;
+use dvr_core::dataset::{InputPicture, ObjectDataset};
 use dvr_core::{Split, View};
 use dvr_model::ImageModel;
 use dvr_render::FieldShader;
-use image::RgbImage;
 
 use super::draw::stable_hash;
-use super::model::{image_tensor, render_settings, rows_tensor};
+use super::model::{field_of, render_settings};
 use dvr_render::{ViewMetrics, view_metrics};
 
 /// Samples across the cube where a field is looked at.
@@ -21,7 +20,7 @@ pub struct ValidationView {
     /// Place among the training objects, for encoders that know objects by it.
     pub row: i64,
     /// What the encoder sees, where it sees something.
-    pub input: Option<RgbImage>,
+    pub input: Option<InputPicture>,
     /// The other side.
     pub view: View,
 }
@@ -73,8 +72,7 @@ pub(crate) fn validate(
     device: &Device,
 ) -> Option<ViewMetrics> {
     mean_metrics(all, |one| {
-        let images = image_tensor(&one.input.iter().collect::<Vec<_>>(), device);
-        let field = model.field(model.codes(images, rows_tensor(&[one.row], device)));
+        let field = field_of(model, one.input.as_ref(), one.row, device);
         let shader = FieldShader::new(&field, render_settings(SAMPLES), None);
         view_metrics(&shader, &[&one.view], pixels / all.len())
     })

@@ -1,6 +1,7 @@
 //! `dvr paper`: the publication's tables, on the data that there is.
 
 mod by_heart;
+mod call;
 mod many_views;
 mod pictures;
 mod row;

@@ -14,7 +14,6 @@ use glam::DVec3;
 use image::{Rgb, RgbImage};
 
 use super::row::{Place, Row};
-use super::systems::Maker;
 use super::table::Line;
 use crate::progress::Progress;
 
@@ -41,7 +40,7 @@ pub fn of_rows(
     let is_shown = |row: &&Row<'_>| {
         let line = lines.iter().find(|line| line.system.row == row.system.row);
         let is_whole = line.is_some_and(|line| line.failures.is_empty());
-        row.seed == 0 && matches!(row.system.maker, Maker::Training(..)) && is_whole
+        row.seed == 0 && row.system.maker.training().is_some() && is_whole
     };
     let shown: Vec<&Row<'_>> = rows.iter().filter(is_shown).collect();
     if shown.is_empty() {
@@ -91,7 +90,7 @@ fn inputs(place: &Place<'_>, folder: &Path) -> Result<(Vec<String>, Vec<RgbImage
         let index = test[i * test.len() / count];
         let object = &dataset.objects()[index];
         let name = format!("{}_{}", object.category, object.name);
-        let picture = dataset.read_input(index, 0, SIZE)?;
+        let picture = dataset.read_input(index, 0, SIZE)?.image;
         let file = folder.join(format!("{name}.png"));
         if !file.is_file() {
             write_rgb_png(&file, &picture)?;

@@ -2,7 +2,6 @@
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
-use std::process::Command;
 
 use anyhow::{Context, Result, bail};
 use dvr_core::Cancellation;
@@ -11,9 +10,9 @@ use dvr_train::{ObjectsMetrics, RunFolder, Summary, merge_results, method_by_nam
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
+use super::call::Caller;
 use super::systems::{Maker, System};
 use crate::args::PaperArgs;
-use crate::commands::child::{EndedChild, run_child_heard};
 use crate::commands::kept_row::{Kept, keep, kept};
 use crate::commands::provenance::record_key;
 
@@ -73,8 +72,8 @@ impl Row<'_> {
     /// The name of its folders.
     pub fn name(&self) -> String {
         match self.system.maker {
-            Maker::Training(..) => format!("{}.{}", self.system.row, self.seed),
             Maker::Baseline(_) => self.system.row.to_owned(),
+            Maker::Training(..) | Maker::WithEncoder(..) => format!("{}.{}", self.system.row, self.seed),
         }
     }
 
@@ -91,17 +90,20 @@ impl Row<'_> {
     /// # Errors
     /// When its method has no configuration.
     pub fn steps(&self) -> Result<usize> {
-        let Maker::Training(method, supervision) = self.system.maker else { return Ok(0) };
+        let Some((method, supervision, _)) = self.system.maker.training() else { return Ok(0) };
         let own = method_by_name(method, supervision)?.config()?["steps"].as_u64().unwrap_or(0);
         Ok(self.place.steps.unwrap_or(own as usize))
     }
 
     /// What its training is made of.
     fn key(&self) -> Result<RecordKey> {
-        let Maker::Training(method, supervision) = self.system.maker else {
+        let Some((method, supervision, encoder)) = self.system.maker.training() else {
             return record_key(self.place.digest.clone(), &json!({}), "cpu");
         };
-        let changes = json!({"seed": self.seed, "steps": self.steps()?});
+        let mut changes = json!({"seed": self.seed, "steps": self.steps()?});
+        if let Some(kind) = encoder {
+            changes["encoder"] = json!({ "kind": kind });
+        }
         let record = method_by_name(method, supervision)?.overridden(&changes)?.record()?;
         record_key(self.place.digest.clone(), &json!({ "method": record }), "cpu")
     }
@@ -122,7 +124,7 @@ impl Row<'_> {
         let figures = self.place.out.join("eval").join(self.name());
         let mut arguments: Vec<OsString> = vec!["eval".into()];
         let trained = match self.system.maker {
-            Maker::Training(..) => {
+            Maker::Training(..) | Maker::WithEncoder(..) => {
                 let trained = self.train(hear)?;
                 arguments.push(self.run().root().into());
                 Some(trained)
@@ -166,7 +168,9 @@ impl Row<'_> {
             return Ok(trained);
         }
         let run = self.run();
-        let Maker::Training(method, supervision) = self.system.maker else { bail!("{} is not trained", self.name()) };
+        let Some((method, supervision, encoder)) = self.system.maker.training() else {
+            bail!("{} is not trained", self.name())
+        };
         let mut arguments: Vec<OsString> = vec!["train".into()];
         if run.last().is_file() && matches!(kept::<()>(&begun, &key)?, Kept::Row(())) {
             arguments.extend(["--resume".into(), "--out".into(), run.root().into()]);
@@ -178,6 +182,7 @@ impl Row<'_> {
                 (supervision.to_string(), self.seed.to_string(), self.steps()?.to_string());
             let own = ["--method", method, "--supervision", &supervision, "--seed", &seed, "--steps", &steps];
             arguments.extend(own.map(Into::into));
+            arguments.extend(encoder.into_iter().flat_map(|kind| ["--encoder", kind]).map(Into::into));
         }
         arguments.push("--no-report".into());
         self.call(arguments, hear)?;
@@ -208,19 +213,7 @@ impl Row<'_> {
         Ok(out)
     }
 
-    /// Runs this program with other arguments.
     fn call(&self, arguments: Vec<OsString>, hear: &mut dyn FnMut(&str)) -> Result<()> {
-        let name = self.name();
-        let mut command = Command::new(std::env::current_exe().context("this program cannot be started again")?);
-        command.args(&arguments);
-        let EndedChild { status, said } =
-            run_child_heard(&mut command, self.place.cancellation, &mut |line| hear(&format!("{name}: {line}")))?;
-        self.place.cancellation.check()?;
-        if !status.success() {
-            let error = said.lines().rfind(|line| line.starts_with("error: ")).or(said.lines().last());
-            let error = error.map_or_else(|| status.to_string(), |line| line.trim_start_matches("error: ").to_owned());
-            bail!("dvr {} of {name}: {error}", arguments[0].to_string_lossy());
-        }
-        Ok(())
+        Caller { name: &self.name(), cancellation: self.place.cancellation }.call(arguments, hear)
     }
 }

@@ -10,7 +10,7 @@ use dvr_core::record::Digest;
 use dvr_train::Observer;
 
 use super::row::{Place, Row};
-use super::systems::{Maker, SYSTEMS, System};
+use super::systems::{SYSTEMS, System};
 use super::table::{Line, Table};
 use super::{by_heart, pictures};
 use crate::args::PaperArgs;
@@ -93,7 +93,7 @@ fn systems(args: &PaperArgs) -> Result<Vec<&'static System>> {
         bail!("--rows {unknown}: there is no such row; the rows are {}", known.join(", "));
     }
     let asked = |system: &&System| match &args.rows[..] {
-        [] => args.by_heart.is_none() || matches!(system.maker, Maker::Training(..)),
+        [] => args.by_heart.is_none() || system.maker.training().is_some(),
         rows => rows.iter().any(|name| name == system.row),
     };
     Ok(SYSTEMS.iter().filter(asked).collect())
@@ -102,7 +102,7 @@ fn systems(args: &PaperArgs) -> Result<Vec<&'static System>> {
 /// All rows, seeds innermost. Lookups have none.
 fn rows<'a>(systems: &[&'static System], seeds: u64, place: &'a Place<'a>) -> Vec<Row<'a>> {
     let of = |&system: &&'static System| {
-        let seeds = if matches!(system.maker, Maker::Training(..)) { seeds } else { 1 };
+        let seeds = if system.maker.training().is_some() { seeds } else { 1 };
         (0..seeds).map(move |seed| Row { system, seed, place })
     };
     systems.iter().flat_map(of).collect()

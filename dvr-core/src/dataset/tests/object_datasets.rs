@@ -59,7 +59,8 @@ fn the_encoder_sees_the_object_on_white_from_wherever_its_pictures_are() {
     let objects = open(&folder);
     // A view, by its mask, padded from 48x36 to a square.
     assert_eq!(objects.inputs(0).unwrap(), 9);
-    let picture = objects.read_input(0, 0, 24).unwrap();
+    let input = objects.read_input(0, 0, 24).unwrap();
+    let picture = input.image;
     assert_eq!((picture.dimensions(), picture.get_pixel(0, 0).0), ((24, 24), [255; 3]));
     assert!(picture.pixels().any(|pixel| pixel.0[0] < 200));
 
@@ -76,7 +77,7 @@ fn the_encoder_sees_the_object_on_white_from_wherever_its_pictures_are() {
     for objects in [open(&folder), elsewhere] {
         let c = objects.objects().iter().position(|object| object.name == "c").unwrap();
         assert_eq!((objects.inputs(c).unwrap(), objects.views(c).unwrap()), (1, 9));
-        assert_eq!(objects.read_input(c, 0, 20).unwrap().get_pixel(3, 3).0, [0, 200, 0]);
+        assert_eq!(objects.read_input(c, 0, 20).unwrap().image.get_pixel(3, 3).0, [0, 200, 0]);
     }
 }
 
@@ -107,7 +108,7 @@ fn renders_of_3d_r2n2_are_inputs() {
     let options = ObjectOptions { inputs: Some(inputs.path().to_owned()), ..ObjectOptions::default() };
     let objects = ObjectDataset::open(folder.path(), options).unwrap();
     assert_eq!(objects.inputs(0).unwrap(), 2);
-    let picture = objects.read_input(0, 1, 64).unwrap();
+    let picture = objects.read_input(0, 1, 64).unwrap().image;
     let white = picture.pixels().filter(|pixel| pixel.0 == [255; 3]).count();
     assert_eq!(picture.get_pixel(0, 0).0, [255; 3]);
     assert!((500..3800).contains(&white), "{white} of 4096 pixels are white");

@@ -27,11 +27,13 @@ pub enum System {
     Psgn,
     /// AtlasNet (Groueix et al. 2018).
     AtlasNet,
+    /// Pixel2Mesh (Wang et al. 2018).
+    Pixel2Mesh,
 }
 
 impl System {
     /// All of them.
-    pub const ALL: [Self; 5] = [Self::Drc, Self::SoftRas, Self::R2n2, Self::Psgn, Self::AtlasNet];
+    pub const ALL: [Self; 6] = [Self::Drc, Self::SoftRas, Self::R2n2, Self::Psgn, Self::AtlasNet, Self::Pixel2Mesh];
 
     /// Its name as a method.
     pub const fn name(self) -> &'static str {
@@ -41,6 +43,7 @@ impl System {
             Self::R2n2 => "r2n2",
             Self::Psgn => "psgn",
             Self::AtlasNet => "atlasnet",
+            Self::Pixel2Mesh => "pixel2mesh",
         }
     }
 
@@ -49,7 +52,17 @@ impl System {
         match self {
             Self::Drc => &[Supervision::Rgb, Supervision::Depth],
             Self::SoftRas => &[Supervision::Rgb],
-            Self::R2n2 | Self::Psgn | Self::AtlasNet => &[Supervision::Occupancy],
+            Self::R2n2 | Self::Psgn | Self::AtlasNet | Self::Pixel2Mesh => &[Supervision::Occupancy],
+        }
+    }
+
+    /// DVR's small encoder, with what the decoder needs of it.
+    fn encoder(self) -> EncoderConfig {
+        match self {
+            Self::Pixel2Mesh => EncoderConfig::Local { image_size: 64, width: 32, channels: 64 },
+            Self::Drc | Self::SoftRas | Self::R2n2 | Self::Psgn | Self::AtlasNet => {
+                EncoderConfig::Convolutional { image_size: 64, width: 32 }
+            }
         }
     }
 
@@ -60,6 +73,7 @@ impl System {
             Self::SoftRas => ShapeDecoderConfig::Sphere { width: 256 },
             Self::Psgn => ShapeDecoderConfig::Points { width: 16 },
             Self::AtlasNet => ShapeDecoderConfig::Patches { patches: 25, width: 128 },
+            Self::Pixel2Mesh => ShapeDecoderConfig::Graph { width: 64 },
         }
     }
 
@@ -69,7 +83,7 @@ impl System {
             Self::Drc => &["system", "points", "sharpness", "laplacian", "flatness"],
             Self::SoftRas => &["system", "points", "rays", "threshold"],
             Self::R2n2 => &["system", "points", "views", "rays", "sharpness", "laplacian", "flatness"],
-            Self::Psgn | Self::AtlasNet => {
+            Self::Psgn | Self::AtlasNet | Self::Pixel2Mesh => {
                 &["system", "views", "rays", "threshold", "sharpness", "laplacian", "flatness"]
             }
         }
@@ -135,7 +149,7 @@ impl SystemConfig {
             supervision,
             seed: 0,
             steps: 5000,
-            encoder: EncoderConfig::Convolutional { image_size: 64, width: 32 },
+            encoder: system.encoder(),
             pretrained: None,
             code_dim: 128,
             decoder: system.decoder(),

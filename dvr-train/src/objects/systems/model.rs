@@ -3,18 +3,18 @@
 use burn::module::Module;
 use burn::tensor::{Device, Tensor, TensorData};
 use dvr_core::PointCloud;
+use dvr_core::dataset::InputPicture;
 use dvr_core::mesh::Mesh;
 use dvr_core::mesh::shapes::vertex_normals;
-use dvr_model::{PatchDecoder, ShapeDecoder, ShapeModel, SphereDecoder, VoxelDecoder};
+use dvr_model::{GraphDecoder, PatchDecoder, ShapeDecoder, ShapeModel, SphereDecoder, VoxelDecoder};
 use dvr_render::extract::ExtractSettings;
 use dvr_render::{MeshShader, ViewMetrics, view_metrics};
 use glam::Vec3;
-use image::RgbImage;
 
 use super::config::SystemConfig;
 use crate::error::Result;
 use crate::learners::module_state::{check_holds, restore_module};
-use crate::objects::model::{image_tensor, rows_tensor};
+use crate::objects::model::{cameras_of, image_tensor, rows_tensor};
 use crate::objects::shape::Shape;
 use crate::objects::validate::ValidationView;
 use crate::objects::voxel_values::VoxelValues;
@@ -60,9 +60,14 @@ impl SystemModel {
 
     /// The shape of the object in a picture as [`dvr_core::dataset::input_picture`] makes them, or of the training object
     /// with this place among them.
-    pub(crate) fn shape(&self, picture: Option<&RgbImage>, row: i64, extraction: &ExtractSettings) -> Shape {
+    pub(crate) fn shape(&self, picture: Option<&InputPicture>, row: i64, extraction: &ExtractSettings) -> Shape {
         let device = self.device();
-        let images: Vec<&RgbImage> = picture.into_iter().collect();
+        let images: Vec<&InputPicture> = picture.into_iter().collect();
+        if let Some((stages, _)) = self.model.deformed(image_tensor(&images, &device), cameras_of(&images).as_deref()) {
+            let finest = stages.into_iter().zip(GraphDecoder::meshes()).next_back();
+            let mesh = finest.map(|(stage, mesh)| with_normals(points(stage.vertices), mesh.faces.clone()));
+            return Shape::Mesh(mesh.unwrap_or_default());
+        }
         let codes = self.model.codes(image_tensor(&images, &device), rows_tensor(&[row], &device));
         match &self.model.decoder {
             ShapeDecoder::Voxels(decoder) => {
@@ -76,6 +81,8 @@ impl SystemModel {
                 Shape::Cloud(PointCloud { points: points(decoder.forward(codes)), ..PointCloud::default() })
             }
             ShapeDecoder::Patches(decoder) => Shape::OpenMesh(pieces(decoder, codes)),
+            // It takes no codes.
+            ShapeDecoder::Graph(_) => Shape::Mesh(Mesh::default()),
             ShapeDecoder::Sphere(decoder) => {
                 let vertices = points(decoder.forward(codes));
                 Shape::Mesh(with_normals(vertices, SphereDecoder::sphere().faces.clone()))

@@ -2,11 +2,10 @@
 
 use std::sync::Arc;
 
-use dvr_core::dataset::ObjectDataset;
-use dvr_core::{GroundTruth, Supervision, View};
+use dvr_core::dataset::{InputPicture, ObjectDataset};
+use dvr_core::{GroundTruth, PointCloud, Supervision, View};
 use dvr_model::{ShapeDecoderConfig, VoxelDecoder};
 use glam::Vec3;
-use image::RgbImage;
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 
@@ -24,8 +23,8 @@ const KEPT_POINTS: usize = 20_000;
 /// What is learned from an object in a step.
 #[derive(Clone, Debug)]
 pub enum Target {
-    /// Points of its surface.
-    Points(Vec<Vec3>),
+    /// Points of its surface, with normals where these are known.
+    Points(PointCloud),
     /// Which voxels it fills.
     Voxels(Arc<Vec<bool>>),
     /// How it looks from some sides.
@@ -40,7 +39,7 @@ pub struct SystemObject {
     /// Its place among the training objects.
     pub row: i64,
     /// What the encoder sees of it.
-    pub input: Option<RgbImage>,
+    pub input: Option<InputPicture>,
     /// What is learned from.
     pub target: Target,
 }
@@ -59,7 +58,7 @@ pub(crate) struct SystemDrawer {
     dataset: Arc<ObjectDataset>,
     config: SystemConfig,
     objects: ObjectDrawer,
-    surfaces: Kept<Vec<Vec3>>,
+    surfaces: Kept<PointCloud>,
     voxels: Kept<Vec<bool>>,
 }
 
@@ -67,7 +66,7 @@ impl SystemDrawer {
     /// # Errors
     /// When the dataset has no training objects.
     pub fn new(dataset: Arc<ObjectDataset>, config: SystemConfig) -> Result<Self> {
-        let objects = ObjectDrawer::new(dataset.clone(), config.objects, config.seed, config.encoder.image_size())?;
+        let objects = ObjectDrawer::new(dataset.clone(), config.objects, config.seed, &config.encoder)?;
         Ok(Self { dataset, config, objects, surfaces: Kept::default(), voxels: Kept::default() })
     }
 
@@ -94,11 +93,17 @@ impl SystemDrawer {
 
     fn target(&self, object: usize, rng: &mut ChaCha8Rng) -> Result<Target> {
         match self.config.system {
-            System::Psgn | System::AtlasNet => {
-                let read = || self.known(object, surface, |points| !points.is_empty());
-                let all = self.surfaces.of(object, |points| size_of_val(points.as_slice()), read)?;
-                let draw = |_| all[rng.random_range(0..all.len())];
-                Ok(Target::Points((0..self.config.points).map(draw).collect()))
+            System::Psgn | System::AtlasNet | System::Pixel2Mesh => {
+                let has_normals = self.config.system == System::Pixel2Mesh;
+                let read = || self.known(object, |truth| surface(truth, has_normals), |cloud| !cloud.points.is_empty());
+                let bytes = |cloud: &PointCloud| {
+                    let normals = cloud.normals.as_deref().unwrap_or_default();
+                    size_of_val(cloud.points.as_slice()) + size_of_val(normals)
+                };
+                let all = self.surfaces.of(object, bytes, read)?;
+                let drawn: Vec<usize> =
+                    (0..self.config.points).map(|_| rng.random_range(0..all.points.len())).collect();
+                Ok(Target::Points(rows_of(&all, drawn)))
             }
             System::R2n2 => {
                 let read = || self.known(object, voxels, |voxels| voxels.contains(&true));
@@ -172,10 +177,18 @@ impl SystemDrawer {
 }
 
 /// Points of the surface, spread over those that are known: files are in random order or along scan lines.
-fn surface(truth: &GroundTruth) -> Vec<Vec3> {
-    let all = truth.surface.as_ref().map_or(&[][..], |cloud| &cloud.points);
-    let count = all.len().min(KEPT_POINTS);
-    (0..count).map(|i| all[i * all.len() / count]).collect()
+fn surface(truth: &GroundTruth, has_normals: bool) -> PointCloud {
+    let Some(all) = &truth.surface else { return PointCloud::default() };
+    let known = all.points.len();
+    let count = known.min(KEPT_POINTS);
+    let spread = rows_of(all, (0..count).map(|i| i * known / count).collect());
+    PointCloud { normals: spread.normals.filter(|_| has_normals), ..spread }
+}
+
+/// Some points of a cloud, without colours.
+fn rows_of(cloud: &PointCloud, rows: Vec<usize>) -> PointCloud {
+    let pick = |of: &Vec<Vec3>| rows.iter().filter_map(|&row| of.get(row).copied()).collect();
+    PointCloud { points: pick(&cloud.points), normals: cloud.normals.as_ref().map(pick), colors: None }
 }
 
 /// The voxels that the surface passes through, and those in which most points are inside: what `binvox` makes, by which

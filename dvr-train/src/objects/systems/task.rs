@@ -3,13 +3,16 @@
 use std::sync::Arc;
 
 use burn::tensor::{Device, Tensor, TensorData};
+use dvr_core::PointCloud;
 use dvr_core::dataset::ObjectDataset;
 use dvr_core::voxel::VoxelGrid;
-use dvr_model::{Encoder, ShapeDecoder, ShapeModel, SphereDecoder, VoxelDecoder};
+use dvr_model::{Encoder, GraphDecoder, ShapeDecoder, ShapeModel, SphereDecoder, VoxelDecoder};
 use dvr_render::ViewMetrics;
+use glam::Vec3;
 
 use super::config::SystemConfig;
 use super::losses::chamfer::chamfer;
+use super::losses::deformation::deformation_loss;
 use super::losses::mesh_shape::Connections;
 use super::losses::ray_consistency::{ray_consistency, voxel_grid};
 use super::losses::soft_silhouette::silhouette_loss;
@@ -19,7 +22,8 @@ use super::targets::{SystemBatch, SystemDrawer, SystemObject, Target};
 use crate::error::Result;
 use crate::learners::objective::StepLoss;
 use crate::learners::step_report::StepSettings;
-use crate::objects::model::{image_tensor, rows_tensor};
+use crate::objects::fields_task::CAMERA_WEIGHT;
+use crate::objects::model::{cameras_of, image_tensor, rows_tensor};
 use crate::objects::object_drawer::ObjectDrawer;
 use crate::objects::task::{ObjectBatch, ObjectsTask, TaskSettings};
 use crate::objects::trainer::TaskTrainer;
@@ -39,6 +43,7 @@ pub struct SystemTask {
 struct Terms {
     grid: VoxelGrid,
     connections: Connections,
+    stages: Vec<Connections>,
     sharpness: f64,
     laplacian: f64,
     flatness: f64,
@@ -53,6 +58,7 @@ impl ObjectsTask for SystemTask {
         let terms = Terms {
             grid: voxel_grid(VoxelDecoder::RESOLUTION),
             connections: Connections::new(SphereDecoder::sphere()),
+            stages: GraphDecoder::meshes().iter().map(Connections::new).collect(),
             sharpness: config.sharpness,
             laplacian: config.laplacian,
             flatness: config.flatness,
@@ -131,6 +137,12 @@ fn loss_of(model: &ShapeModel, batch: SystemBatch, terms: &Terms, device: &Devic
     let inputs: Vec<_> = batch.iter().filter_map(|object| object.input.as_ref()).collect();
     let rows: Vec<i64> = batch.iter().map(|object| object.row).collect();
     let images = Tensor::from_inner(image_tensor(&inputs, device));
+    if let ShapeDecoder::Graph(_) = &model.decoder {
+        let cameras = cameras_of(&inputs);
+        let Some((stages, camera_error)) = model.deformed(images, cameras.as_deref()) else { return nothing(device) };
+        let loss = deformation_loss(&stages, &clouds(&batch), &terms.stages);
+        return loss.with_term("camera", camera_error.map(|error| error * CAMERA_WEIGHT));
+    }
     let codes = model.codes(images, Tensor::from_inner(rows_tensor(&rows, device)));
     match &model.decoder {
         ShapeDecoder::Voxels(decoder) => {
@@ -161,6 +173,8 @@ fn loss_of(model: &ShapeModel, batch: SystemBatch, terms: &Terms, device: &Devic
             let made = decoder.forward(codes, Tensor::from_inner(places));
             one_term("chamfer", chamfer(&made, &truth), f64::NAN)
         }
+        // It has no codes.
+        ShapeDecoder::Graph(_) => nothing(device),
         ShapeDecoder::Sphere(decoder) => {
             let vertices = decoder.forward(codes);
             let views: Vec<_> = batch
@@ -188,13 +202,24 @@ fn one_term(name: &'static str, term: Tensor<1>, iou: f64) -> StepLoss {
     StepLoss { total: term.clone(), terms: vec![(name, term)], mask_iou: iou }
 }
 
-/// The true points of each object.
-fn points(batch: &[SystemObject]) -> Vec<Vec<glam::Vec3>> {
-    let points = |object: &SystemObject| match &object.target {
-        Target::Points(points) => points.clone(),
-        _ => Vec::new(),
-    };
-    batch.iter().map(points).collect()
+fn nothing(device: &Device) -> StepLoss {
+    StepLoss { total: Tensor::zeros([1], &device.clone().autodiff()), terms: Vec::new(), mask_iou: f64::NAN }
+}
+
+/// The true points of each object, where it is learned from them.
+fn clouds(batch: &[SystemObject]) -> Vec<&PointCloud> {
+    batch.iter().filter_map(cloud_of).collect()
+}
+
+fn cloud_of(object: &SystemObject) -> Option<&PointCloud> {
+    match &object.target {
+        Target::Points(cloud) => Some(cloud),
+        Target::Voxels(_) | Target::Silhouettes(_) | Target::Rays(_) => None,
+    }
+}
+
+fn points(batch: &[SystemObject]) -> Vec<&[Vec3]> {
+    clouds(batch).into_iter().map(|cloud| cloud.points.as_slice()).collect()
 }
 
 /// Intersection over union of voxels that are more likely filled than not, and the true ones.

@@ -4,10 +4,11 @@ use std::path::Path;
 use std::sync::Arc;
 
 use burn::tensor::Device;
-use dvr_core::dataset::{ObjectDataset, ObjectOptions};
+use dvr_core::dataset::{InputPicture, ObjectDataset, ObjectOptions};
 use dvr_core::mesh::{Mesh, TexturedMesh, shapes};
 use dvr_core::synth::{SynthConfig, render_dataset};
 use dvr_core::{Split, Supervision};
+use dvr_model::EncoderConfig;
 use dvr_render::extract::ExtractSettings;
 use glam::Vec3;
 
@@ -46,7 +47,12 @@ fn small(system: System, supervision: Supervision) -> SystemConfig {
         "encoder": {"kind": "codes", "objects": 2}, "code_dim": 8, "objects": 2, "validate_objects": 2, "steps": 200,
         "milestones_percent": [70], "learning_rate": 3e-3,
     });
-    config.overridden(&change).unwrap()
+    let mut config = config.overridden(&change).unwrap();
+    if system == System::Pixel2Mesh {
+        // It has no codes, but a picture.
+        config.encoder = EncoderConfig::Local { image_size: 64, width: 4, channels: 16 };
+    }
+    config
 }
 
 #[test]
@@ -68,7 +74,10 @@ fn every_system_learns_two_objects_by_heart() {
             let extraction = ExtractSettings { resolution: 32, ..ExtractSettings::default() };
             for (row, object) in dataset.of_split(Split::Train).into_iter().enumerate() {
                 let truth = dataset.read_ground_truth(object).unwrap();
-                let shape = model.shape(None, row as i64, &extraction);
+                let picture =
+                    model.config().encoder.image_size().map(|size| dataset.read_input(object, 3, size as u32));
+                let picture = picture.transpose().unwrap();
+                let shape = model.shape(picture.as_ref(), row as i64, &extraction);
                 let score = shape.evaluate(&truth, 0).unwrap();
                 let distance = score.surface.unwrap().chamfer_l1;
                 // A voxel is .034 wide.
@@ -87,10 +96,31 @@ fn every_system_learns_two_objects_by_heart() {
 }
 
 #[test]
+fn a_picture_without_a_camera_gets_one_that_is_guessed() {
+    let folder = tempfile::tempdir().unwrap();
+    let dataset = dataset(folder.path());
+    let config = small(System::Pixel2Mesh, Supervision::Occupancy);
+    let mut trainer = SystemTrainer::new(dataset.clone(), config.clone(), Device::flex()).unwrap();
+    let mut terms = Vec::new();
+    for _ in 0..60 {
+        terms.push(trainer.step().unwrap().terms.iter().find(|(name, _)| *name == "camera").unwrap().1);
+    }
+    assert!(terms[50..].iter().sum::<f64>() < 0.7 * terms[..10].iter().sum::<f64>(), "guesses get better: {terms:?}");
+    let model = SystemModel::from_bytes(config, &trainer.model().unwrap(), &Device::flex()).unwrap();
+    let extraction = ExtractSettings { resolution: 32, ..ExtractSettings::default() };
+    let mut picture = dataset.read_input(1, 3, 64).unwrap();
+    let vertices = |picture: &InputPicture| model.shape(Some(picture), 0, &extraction).mesh().unwrap().vertices.clone();
+    let known = vertices(&picture);
+    picture.camera = None;
+    let guessed = vertices(&picture);
+    assert!(guessed != known && guessed.iter().all(|vertex| vertex.is_finite()));
+}
+
+#[test]
 fn a_resumed_run_ends_as_an_unbroken_one() {
     let folder = tempfile::tempdir().unwrap();
     let dataset = dataset(folder.path());
-    for system in [System::AtlasNet, System::Drc] {
+    for system in [System::AtlasNet, System::Drc, System::Pixel2Mesh] {
         let start = || {
             let config = small(system, system.supervisions()[0]);
             SystemTrainer::new(dataset.clone(), config, Device::flex()).unwrap()
@@ -129,5 +159,8 @@ fn a_decoder_of_another_kind_and_supervision_without_a_loss_are_refused() {
     assert!(other.check().unwrap_err().to_string().contains("psgn"));
     let error = SystemConfig::new(System::SoftRas, Supervision::Depth).check().unwrap_err().to_string();
     assert!(error.contains("softras") && error.contains("rgb"), "{error}");
+    let no_places = SystemConfig::new(System::Pixel2Mesh, Supervision::Occupancy);
+    let no_places = no_places.overridden(&serde_json::json!({"encoder": {"kind": "convolutional"}})).unwrap();
+    assert!(no_places.check().unwrap_err().to_string().contains("encoder.kind"));
     assert!(config.overridden(&serde_json::json!({"laplacian": 1.0})).is_err(), "points have no neighbours");
 }

@@ -51,6 +51,11 @@ impl Connections {
     /// Squared distance of each vertex of `[b, v, 3]` from the mean of its neighbours, a sum over vertices and a mean over
     /// objects, `[1]` (Liu et al. 2019, Soft Rasterizer, equation 6).
     pub fn laplacian(&self, vertices: &Tensor<3>) -> Tensor<1> {
+        self.laplacian_coordinates(vertices).square().sum() / vertices.dims()[0] as f64
+    }
+
+    /// From the mean of its neighbours to each vertex of `[b, v, 3]`.
+    fn laplacian_coordinates(&self, vertices: &Tensor<3>) -> Tensor<3> {
         let [objects, n, _] = vertices.dims();
         debug_assert_eq!(n, self.vertices);
         let device = vertices.device();
@@ -63,7 +68,28 @@ impl Connections {
             burn::tensor::IndexingUpdateOp::Add,
         );
         let share = Tensor::<3>::from_data(TensorData::new(self.share.clone(), [1, n, 1]), &device);
-        (vertices.clone() - sums * share).square().sum() / objects as f64
+        vertices.clone() - sums * share
+    }
+
+    /// How much a step of a deformation changes the surroundings of vertices: the squared difference of what is between them
+    /// and the mean of their neighbours, before and after, a mean over vertices and objects, `[1]` (Wang et al. 2018, Pixel2Mesh,
+    /// equation 5).
+    pub fn bending(&self, before: &Tensor<3>, after: &Tensor<3>) -> Tensor<1> {
+        let [objects, n, _] = after.dims();
+        let change = self.laplacian_coordinates(after) - self.laplacian_coordinates(before);
+        change.square().sum() / (objects * n) as f64
+    }
+
+    /// The mean squared length of edges, and the mean of the cosine's absolute value between the edges of vertices and the normal
+    /// of the surface that they lie on (the same, section 3.3 and equation 4), `[1]` each; `normals` are `[b, v, 3]`.
+    pub fn edges(&self, vertices: &Tensor<3>, normals: Option<&Tensor<3>>) -> (Tensor<1>, Option<Tensor<1>>) {
+        let device = vertices.device();
+        let rows = |list: &[i64]| Tensor::<1, Int>::from_data(TensorData::new(list.to_vec(), [list.len()]), &device);
+        let edges = vertices.clone().select(1, rows(&self.neighbours)) - vertices.clone().select(1, rows(&self.of));
+        let length = edges.clone().square().sum_dim(2).mean();
+        let cosine =
+            normals.map(|normals| (unit(edges) * normals.clone().select(1, rows(&self.of))).sum_dim(2).abs().mean());
+        (length, cosine)
     }
 
     /// `(cos a + 1)^2` of the angle `a` between the two faces at each edge, a sum over edges and a mean over objects, `[1]`:

@@ -1,0 +1,254 @@
+//! Features of pictures at points in space: where each point lies in the picture of its object.
+
+use burn::tensor::{Device, Int, Tensor, TensorData};
+use dvr_core::Camera;
+
+/// Depth below which a point is no longer in front of a camera.
+const NEAREST: f64 = 1e-3;
+
+/// Planes of features of pictures of some objects, and the cameras of these pictures.
+#[derive(Clone, Debug)]
+pub(crate) struct PixelAligned {
+    /// The planes' features, `[b * n * n, c]`, rows before columns.
+    rows: Tensor<2>,
+    /// Rows and columns of a plane, `n`.
+    side: usize,
+    /// Of each object: from points to places in its plane, a 3x4 matrix, rows one after the other, `[b, 12]`.
+    projections: Tensor<2>,
+    /// Of each object: the axes of its camera, rows one after the other, `[b, 9]`.
+    axes: Tensor<2>,
+}
+
+/// What is known of points at once.
+struct Place {
+    /// From the middle of the column and row before to that after, from 0 to 1, `[n, 1]` each.
+    share: [Tensor<2>; 2],
+    /// Features of the four places around: upper left, upper right, lower left, lower right, `[n, c]`.
+    around: [Tensor<2>; 4],
+}
+
+/// Points in homogeneous coordinates of the plane.
+struct Projected {
+    /// Columns and rows, `[n, 1]` each, not yet within the plane.
+    place: [Tensor<2>; 2],
+    /// Depth, `[n, 1]`.
+    depth: Tensor<2>,
+    /// The matrix of each point, `[n, 12]`.
+    matrix: Tensor<2>,
+}
+
+impl PixelAligned {
+    /// Of planes `[b, c, n, n]`; `index` takes places in pictures, from 0 to 1, to columns and rows (a factor and a shift).
+    pub fn new(plane: Tensor<4>, index: [f64; 2], cameras: &[Camera], device: &Device) -> Self {
+        let [objects, channels, side, _] = plane.dims();
+        let rows = plane.permute([0, 2, 3, 1]).reshape([objects * side * side, channels]);
+        let numbers = |of: &dyn Fn(&Camera) -> Vec<f32>, count: usize| {
+            let values: Vec<f32> = cameras.iter().flat_map(of).collect();
+            Tensor::<2>::from_data(TensorData::new(values, [cameras.len(), count]), device)
+        };
+        let projection = |camera: &Camera| -> Vec<f32> {
+            let [factor, shift] = index;
+            let size = [f64::from(camera.width), f64::from(camera.height)];
+            let left = camera.intrinsics * camera.rotation;
+            let right = camera.intrinsics * camera.translation;
+            let row = |row: usize| left.row(row).extend(right[row]);
+            let last = row(2);
+            let rows = [0, 1].map(|axis| row(axis) * (factor / size[axis]) + last * shift);
+            [rows[0], rows[1], last].iter().flat_map(|row| row.to_array()).map(|value| value as f32).collect()
+        };
+        let axes = |camera: &Camera| -> Vec<f32> {
+            let rows = [0, 1, 2].map(|row| camera.rotation.row(row));
+            rows.iter().flat_map(|row| row.to_array()).map(|value| value as f32).collect()
+        };
+        Self { rows, side, projections: numbers(&projection, 12), axes: numbers(&axes, 9) }
+    }
+
+    /// The same with other features, made of each place's own: `[b * n * n, c]` to `[b * n * n, d]`.
+    pub fn map(self, features: impl FnOnce(Tensor<2>) -> Tensor<2>) -> Self {
+        Self { rows: features(self.rows), ..self }
+    }
+
+    /// The same off the graph.
+    pub fn inner(&self) -> Self {
+        Self {
+            rows: self.rows.clone().inner(),
+            side: self.side,
+            projections: as_inner(&self.projections),
+            axes: as_inner(&self.axes),
+        }
+    }
+
+    /// Features `[n, c]` of points `[n, 3]` of objects `[n]`; beyond the picture's edge, those at the edge.
+    pub fn at(&self, points: &Tensor<2>, object: &Tensor<1, Int>) -> Tensor<2> {
+        let place = self.place(&self.project(points, object), object);
+        place.features()
+    }
+
+    /// The same, and their derivatives along directions `[n, 3]`.
+    pub fn tangents(
+        &self,
+        points: &Tensor<2>,
+        object: &Tensor<1, Int>,
+        directions: &[Tensor<2>],
+    ) -> (Tensor<2>, Vec<Tensor<2>>) {
+        let projected = self.project(points, object);
+        let place = self.place(&projected, object);
+        let [x, y] = place.share.clone();
+        let [a, b, c, d] = place.around.clone();
+        // Along columns and along rows.
+        let by_x = (b.clone() - a.clone()) * (y.clone().neg() + 1.0) + (d.clone() - c.clone()) * y;
+        let by_y = (c - a) * (x.clone().neg() + 1.0) + (d - b) * x;
+        let inside = [0, 1].map(|axis| {
+            let at = projected.place[axis].clone();
+            at.clone().greater_elem(0.0).float() * at.lower_elem((self.side - 1) as f64).float()
+        });
+        let along = |direction: &Tensor<2>| {
+            let moved = [0, 1, 2].map(|row| dot(&projected.matrix, row, direction));
+            let [dx, dy] = [0, 1].map(|axis| {
+                let at = moved[axis].clone() - projected.place[axis].clone() * moved[2].clone();
+                at / projected.depth.clone() * inside[axis].clone()
+            });
+            by_x.clone() * dx + by_y.clone() * dy
+        };
+        (place.features(), directions.iter().map(along).collect())
+    }
+
+    /// Points or directions `[n, 3]` in the axes of their objects' cameras.
+    pub fn in_camera_axes(&self, points: &Tensor<2>, object: &Tensor<1, Int>) -> Tensor<2> {
+        let axes = self.axes.clone().select(0, object.clone());
+        let row = |row: usize| (axes.clone().narrow(1, 3 * row, 3) * points.clone()).sum_dim(1);
+        Tensor::cat(vec![row(0), row(1), row(2)], 1)
+    }
+
+    fn project(&self, points: &Tensor<2>, object: &Tensor<1, Int>) -> Projected {
+        let matrix = self.projections.clone().select(0, object.clone());
+        let [x, y, depth] = [0, 1, 2].map(|row| dot(&matrix, row, points) + matrix.clone().narrow(1, 4 * row + 3, 1));
+        let depth = depth.clamp_min(NEAREST);
+        Projected { place: [x / depth.clone(), y / depth.clone()], depth, matrix }
+    }
+
+    fn place(&self, projected: &Projected, object: &Tensor<1, Int>) -> Place {
+        let last = (self.side - 1) as f64;
+        let [x, y] = projected.place.clone().map(|at| at.clamp(0.0, last));
+        // The last but one is the last that has another after it.
+        let [left, up] = [&x, &y].map(|at| at.clone().detach().floor().clamp(0.0, (last - 1.0).max(0.0)));
+        let share = [x - left.clone(), y - up.clone()];
+        let side = self.side as i64;
+        let first = object.clone() * (side * side) + (up * side as f64 + left).int().squeeze_dim(1);
+        let next = if self.side > 1 { [1, side, side + 1] } else { [0; 3] };
+        let row = |shift: i64| self.rows.clone().select(0, first.clone() + shift);
+        Place { share, around: [row(0), row(next[0]), row(next[1]), row(next[2])] }
+    }
+}
+
+impl Place {
+    fn features(&self) -> Tensor<2> {
+        let [x, y] = self.share.clone();
+        let [a, b, c, d] = self.around.clone();
+        let upper = a.clone() + (b - a) * x.clone();
+        let lower = c.clone() + (d - c) * x;
+        upper.clone() + (lower - upper) * y
+    }
+}
+
+/// Row `row` of 3x4 matrices `[n, 12]`, without the last column, times vectors `[n, 3]`: `[n, 1]`.
+fn dot(matrix: &Tensor<2>, row: usize, vectors: &Tensor<2>) -> Tensor<2> {
+    (matrix.clone().narrow(1, 4 * row, 3) * vectors.clone()).sum_dim(1)
+}
+
+fn as_inner(constant: &Tensor<2>) -> Tensor<2> {
+    if constant.device().is_autodiff() { constant.clone().inner() } else { constant.clone() }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use super::*;
+
+    const SIDE: usize = 9;
+
+    /// Two planes that are linear in columns and rows, so that interpolation is exact; their cameras look from two sides.
+    fn features() -> (PixelAligned, Vec<Camera>) {
+        let cameras = [DVec3::new(0.3, 0.4, -2.0), DVec3::new(-1.5, 0.2, 1.0)]
+            .map(|eye| Camera::look_at(64, 64, 60.0, eye, DVec3::ZERO, DVec3::Y))
+            .to_vec();
+        let value = |plane: usize, channel: usize, row: usize, column: usize| match (plane, channel) {
+            (0, 0) | (1, 1) => column as f32,
+            (0, _) => row as f32,
+            _ => 10.0 + row as f32 - column as f32,
+        };
+        let at = |i: usize| value(i / (2 * SIDE * SIDE), i / (SIDE * SIDE) % 2, i / SIDE % SIDE, i % SIDE);
+        let values: Vec<f32> = (0..4 * SIDE * SIDE).map(at).collect();
+        let device = Device::flex();
+        let plane = Tensor::<4>::from_data(TensorData::new(values, [2, 2, SIDE, SIDE]), &device);
+        (PixelAligned::new(plane, [SIDE as f64, -0.5], &cameras, &device), cameras)
+    }
+
+    fn points() -> (Tensor<2>, Tensor<1, Int>) {
+        let device = Device::flex();
+        let points = Tensor::from_floats([[0.1, 0.2, -0.1], [-0.2, 0.05, 0.3], [0.3, -0.3, 0.2]], &device);
+        (points, Tensor::from_ints([0, 1, 0], &device))
+    }
+
+    fn rows(tensor: Tensor<2>) -> Vec<Vec<f32>> {
+        let columns = tensor.dims()[1];
+        tensor.into_data().iter::<f32>().collect::<Vec<_>>().chunks(columns).map(<[f32]>::to_vec).collect()
+    }
+
+    #[test]
+    fn features_are_those_of_the_place_where_the_camera_sees_the_point() {
+        let (features, cameras) = features();
+        let (points, object) = points();
+        let found = rows(features.at(&points, &object));
+        for ((point, object), found) in rows(points).iter().zip([0, 1, 0]).zip(found) {
+            let point = DVec3::new(point[0].into(), point[1].into(), point[2].into());
+            let place = cameras[object].project(point).0 / 64.0 * SIDE as f64 - 0.5;
+            let [column, row] = [place.x as f32, place.y as f32];
+            let expected = if object == 0 { [column, row] } else { [10.0 + row - column, column] };
+            assert!(
+                (found[0] - expected[0]).abs() < 1e-4 && (found[1] - expected[1]).abs() < 1e-4,
+                "{found:?} {expected:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn derivatives_are_those_of_differences() {
+        let (features, _) = features();
+        let (points, object) = points();
+        let direction = Tensor::from_floats([[1.0, 0.5, -0.3], [0.2, -1.0, 0.4], [0.0, 0.0, 1.0]], &Device::flex());
+        let (value, tangents) = features.tangents(&points, &object, std::slice::from_ref(&direction));
+        assert_eq!(rows(value), rows(features.at(&points, &object)));
+        let step = 1e-2;
+        let at = |shift: f64| features.at(&(points.clone() + direction.clone() * shift), &object);
+        let differences = rows((at(step) - at(-step)) / (2.0 * step));
+        for (found, expected) in rows(tangents[0].clone()).iter().flatten().zip(differences.iter().flatten()) {
+            assert!((found - expected).abs() < 2e-3 * expected.abs().max(1.0), "{found} {expected}");
+        }
+    }
+
+    #[test]
+    fn beyond_the_picture_features_are_those_of_its_edge_and_do_not_change() {
+        let (features, _) = features();
+        let device = Device::flex();
+        let far = Tensor::from_floats([[5.0, 0.0, 0.0]], &device);
+        let object = Tensor::from_ints([0], &device);
+        let direction = Tensor::from_floats([[1.0, 0.0, 0.0]], &device);
+        let (value, tangents) = features.tangents(&far, &object, &[direction]);
+        let column = rows(value)[0][0];
+        assert!(column == 0.0 || column == (SIDE - 1) as f32, "{column}");
+        assert_eq!(rows(tangents[0].clone())[0][0], 0.0);
+    }
+
+    #[test]
+    fn points_turn_into_the_axes_of_their_camera() {
+        let (features, cameras) = features();
+        let (points, object) = points();
+        let found = rows(features.in_camera_axes(&points, &object));
+        let expected = cameras[1].rotation * DVec3::new(-0.2, 0.05, 0.3);
+        for (found, expected) in found[1].iter().zip(expected.to_array()) {
+            assert!((f64::from(*found) - expected).abs() < 1e-6);
+        }
+    }
+}
