@@ -37,7 +37,7 @@ pub use mesh::{Colors, ContourName, MeshArgs, MeshingArgs, SurfaceArgs};
 pub use method::CapacityArg;
 #[cfg(test)]
 pub use method::MethodName;
-pub use paper::{PaperArgs, PaperTable};
+pub use paper::{NamedCloud, PaperArgs, PaperTable};
 pub use points2mesh::Points2MeshArgs;
 pub use predict::PredictArgs;
 pub use preset::PresetArg;

@@ -1,6 +1,7 @@
 //! `dvr paper`.
 
 use std::path::PathBuf;
+use std::str::FromStr;
 
 use clap::{Args, ValueEnum};
 
@@ -19,6 +20,7 @@ Examples:
   dvr paper --table shapenet --data furniture/data --out DIR --plan      how long it takes
   dvr paper --table shapenet --data furniture/data --out DIR
   dvr paper --table shapenet --data furniture/data --out DIR --by-heart 10
+  dvr paper --table dtu --data dtu/scan65 dtu/scan106 --reference DTU --cloud furu=points/furu{scan}_l3.ply --out DIR
   dvr paper --table depth --data scenes/bunny scenes/sharp --out DIR"
 )]
 pub struct PaperArgs {
@@ -37,8 +39,17 @@ pub struct PaperArgs {
     /// Say what will be made and about how long it takes on two cores, and exit
     #[arg(long)]
     pub plan: bool,
+    /// Points of another program, with normals, as rows NAME-0, NAME-5 and NAME-7 (trimmed at these depths): {scene} stands for the
+    /// name of the scene's folder, {scan} for its number with three digits; repeatable
+    #[arg(long = "cloud", value_name = "NAME=FILE", help_heading = "Scans (dtu)")]
+    pub clouds: Vec<NamedCloud>,
+    /// Folder of DTU's evaluation data (ObsMask, Points), whose protocol then judges [default: the scenes' true surfaces, or else
+    /// their verified points]
+    #[arg(long, value_name = "DIR", help_heading = "Scans (dtu)")]
+    pub reference: Option<PathBuf>,
     /// Rows to make: drc, softras, dvr, dvr-local, drc-depth, dvr-depth, dvr-local-depth, dvr-rgb-depth, r2n2, psgn, atlasnet,
-    /// pixel2mesh, onet, mean-shape, nearest-picture; comma-separated [default: all]
+    /// pixel2mesh, onet, mean-shape, nearest-picture; of dtu: hull, classic, grid, stereo-poisson-0 (-5, -7) and those of --cloud;
+    /// comma-separated [default: all]
     #[arg(long, value_delimiter = ',', value_name = "ROW", help_heading = "Single pictures (shapenet)")]
     pub rows: Vec<String>,
     /// Optimiser steps of each training [1 to 100000000; default: those of each method]
@@ -53,11 +64,40 @@ pub struct PaperArgs {
     pub by_heart: Option<usize>,
 }
 
+/// A file of points and its name in the table.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct NamedCloud {
+    /// The name.
+    pub name: String,
+    /// The file, with what stands for the scene.
+    pub file: String,
+}
+
+impl FromStr for NamedCloud {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text.split_once('=') {
+            Some((name, file)) if is_name(name) && !file.is_empty() => {
+                Ok(Self { name: name.to_owned(), file: file.to_owned() })
+            }
+            _ => Err("write NAME=FILE, e.g. furu=points/furu{scan}_l3.ply; a name has letters, digits, - and _".into()),
+        }
+    }
+}
+
+fn is_name(text: &str) -> bool {
+    !text.is_empty() && text.chars().all(|c| c.is_ascii_alphanumeric() || c == '-' || c == '_')
+}
+
 /// Tables of Niemeyer et al. 2020.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum PaperTable {
     /// A shape from a single picture, by DVR and by the systems that it is compared with, from 2D, 2.5D and 3D
     Shapenet,
+    /// Many views against scans: the hull, the paper's network, the default, and screened Poisson surfaces of points: those of our
+    /// stereo depth maps, and of other programs
+    Dtu,
     /// Many views: samples on a ray
     Samples,
     /// Many views: the weight of the smoothness of normals

@@ -97,6 +97,8 @@ mod tests {
                 steps: None,
                 resolution: 64,
                 by_heart: None,
+                clouds: Vec::new(),
+                reference: None,
             };
             let all = ["dvr".to_owned()].into_iter().chain(arguments(&args, comparison));
             let Command::Bench(benchmark) = Cli::try_parse_from(all).unwrap().command else { panic!("no benchmark") };

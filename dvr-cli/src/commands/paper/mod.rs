@@ -5,13 +5,14 @@ mod call;
 mod many_views;
 mod pictures;
 mod row;
+mod scans;
 mod single_pictures;
 mod systems;
 mod table;
 
 use std::process::ExitCode;
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use dvr_core::Cancellation;
 
 use crate::args::{PaperArgs, PaperTable};
@@ -19,8 +20,12 @@ use many_views::Comparison;
 
 /// Makes a table, or says what that takes.
 pub fn run(args: &PaperArgs, cancellation: &Cancellation) -> Result<ExitCode> {
+    if args.table != PaperTable::Dtu && (!args.clouds.is_empty() || args.reference.is_some()) {
+        bail!("--cloud and --reference are for --table dtu");
+    }
     match args.table {
         PaperTable::Shapenet => single_pictures::run(args, cancellation),
+        PaperTable::Dtu => scans::run(args, cancellation),
         PaperTable::Samples => many_views::run(args, Comparison::Samples, cancellation),
         PaperTable::Smoothness => many_views::run(args, Comparison::Smoothness, cancellation),
         PaperTable::Depth => many_views::run(args, Comparison::Supervision, cancellation),

@@ -1,0 +1,388 @@
+//! The table of many views against scans: reconstructions of photographs, and surfaces of other programs' points.
+
+use std::collections::BTreeMap;
+use std::ffi::OsString;
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::{Context, Result, bail};
+use dvr_core::Cancellation;
+use dvr_core::dataset::{ReadOptions, digest_of_scene};
+use dvr_core::files::{Claim, FolderKind, OutputFolder, check_beside_data, write_bytes_atomically};
+use dvr_core::record::{Digest, RecordKey};
+use dvr_report::{Page, Section, table};
+use dvr_train::Observer;
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+
+use super::call::Caller;
+use crate::args::{NamedCloud, PaperArgs};
+use crate::commands::kept_row::{Kept, Standing, keep, kept};
+use crate::commands::provenance::{origin, record_key};
+use crate::progress::Progress;
+
+/// What is written beside the runs.
+const FILES: [&str; 3] = ["table.md", "table.csv", "report.html"];
+
+/// How much of a surface is cut away, by the depth of its octree: what the publication compares.
+const TRIMS: [u32; 3] = [0, 5, 7];
+
+/// What makes the surface of a row.
+#[derive(Clone, Debug, PartialEq)]
+enum Maker {
+    /// `dvr train --method METHOD`.
+    Method(&'static str),
+    /// `dvr points2mesh` of our own stereo depth maps.
+    OwnPoints { trim: u32 },
+    /// `dvr points2mesh` of another program's points.
+    Cloud { name: String, file: PathBuf, trim: u32 },
+}
+
+/// Methods that have a row each, with the CPU minutes that a scene of 64 to 800 pixels takes at most.
+const METHODS: [(&str, f64); 3] = [("hull", 0.5), ("classic", 3.0), ("grid", 2.0)];
+
+/// CPU minutes of a surface of points.
+const POISSON: f64 = 1.5;
+
+/// What a surface is measured by.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum Judge {
+    /// DTU's protocol and scans, in millimetres.
+    Dtu,
+    /// The true surface, in edges of the object cube.
+    Truth,
+    /// Verified points, of which only the distance to the surface is known, in the units of the files.
+    Points,
+}
+
+/// The figures of a row.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+struct Figures {
+    judge: Judge,
+    /// Mean distance of the surface to the scan; unknown of points.
+    accuracy: Option<f64>,
+    /// Mean distance of the scan, or of the points, to the surface.
+    completeness: f64,
+    /// Wall seconds of what made the surface.
+    seconds: f64,
+}
+
+/// A row of one scene.
+struct Row {
+    scene: PathBuf,
+    /// The name of the scene's folder.
+    title: String,
+    digest: Digest,
+    maker: Maker,
+}
+
+impl Maker {
+    /// Its name in tables and of folders.
+    fn name(&self) -> String {
+        match self {
+            Self::Method(method) => (*method).to_owned(),
+            Self::OwnPoints { trim } => format!("stereo-poisson-{trim}"),
+            Self::Cloud { name, trim, .. } => format!("{name}-{trim}"),
+        }
+    }
+
+    fn title(&self) -> String {
+        match self {
+            Self::Method("hull") => "visual hull".into(),
+            Self::Method("classic") => "DVR, the paper's network".into(),
+            Self::Method("grid") => "dvr, the default".into(),
+            Self::Method(other) => (*other).to_owned(),
+            Self::OwnPoints { trim } => format!("dvr's stereo + sPSR, trimmed at {trim}"),
+            Self::Cloud { name, trim, .. } => format!("{name} + sPSR, trimmed at {trim}"),
+        }
+    }
+
+    fn minutes(&self) -> f64 {
+        match self {
+            Self::Method(method) => {
+                METHODS.iter().find(|(name, _)| name == method).map_or(0.0, |(_, minutes)| *minutes)
+            }
+            Self::OwnPoints { .. } | Self::Cloud { .. } => POISSON,
+        }
+    }
+}
+
+/// Makes the table, or says what that takes.
+pub fn run(args: &PaperArgs, cancellation: &Cancellation) -> Result<ExitCode> {
+    if args.steps.is_some() || args.by_heart.is_some() {
+        bail!("--steps and --by-heart are for --table shapenet");
+    }
+    if args.seeds != 1 {
+        bail!("--table dtu is made of one seed; compare seeds with `dvr bench --seeds {}`", args.seeds);
+    }
+    let makers = |scene: &Path| makers_of(args, scene);
+    if args.plan {
+        let all: Vec<Maker> = args.data.iter().map(|scene| makers(scene)).collect::<Result<Vec<_>>>()?.concat();
+        for maker in &all {
+            println!("{:<22}{:>6.1}  {}", maker.name(), maker.minutes(), maker.title());
+        }
+        println!("about {:.0} CPU minutes", all.iter().map(Maker::minutes).sum::<f64>());
+        return Ok(ExitCode::SUCCESS);
+    }
+    for scene in &args.data {
+        check_beside_data(&args.out, scene)?;
+    }
+    let _writing = OutputFolder::claim(&args.out, FolderKind::PaperTable, Claim::NewOrContinue, &FILES)?;
+    let mut progress = Progress::new();
+    progress.phase("reading the scenes", args.data.len());
+    let mut rows = Vec::new();
+    for (i, scene) in args.data.iter().enumerate() {
+        let digest = digest_of_scene(scene, &ReadOptions::default(), None)?;
+        let title = scene_title(scene);
+        let of = |maker| Row { scene: scene.clone(), title: title.clone(), digest: digest.clone(), maker };
+        rows.extend(makers(scene)?.into_iter().map(of));
+        progress.progress(i + 1, &title);
+    }
+    if let Some(twice) =
+        rows.iter().enumerate().find(|(i, row)| rows[..*i].iter().any(|other| other.folder() == row.folder()))
+    {
+        bail!("two rows are called {}: give scenes, and clouds, different names", twice.1.folder());
+    }
+    let mut standing = Standing::default();
+    for row in &rows {
+        standing.count(&row.folder(), &row.kept(args)?);
+    }
+    eprintln!("surfaces: {standing}");
+    progress.phase("rows", rows.len());
+    let mut made = Vec::new();
+    for (i, row) in rows.iter().enumerate() {
+        let figures = row.make(args, cancellation, &mut |said| progress.progress(i, said));
+        if cancellation.is_cancelled() {
+            eprintln!("finished rows are kept in {}; the same command continues", args.out.display());
+            cancellation.check()?;
+        }
+        if let Err(error) = &figures {
+            progress.note(&format!("failed: {error:#}"));
+        }
+        made.push((row, figures.map_err(|error| format!("{error:#}"))));
+        progress.progress(i + 1, &row.folder());
+    }
+    write_table(args, &made)?;
+    Ok(if made.iter().all(|(_, figures)| figures.is_ok()) { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+/// The rows of a scene: those that were asked for.
+fn makers_of(args: &PaperArgs, scene: &Path) -> Result<Vec<Maker>> {
+    let methods = METHODS.iter().map(|(name, _)| Maker::Method(name));
+    let own = TRIMS.iter().map(|&trim| Maker::OwnPoints { trim });
+    let mut all: Vec<Maker> = methods.chain(own).collect();
+    for NamedCloud { name, file } in &args.clouds {
+        let title = scene_title(scene);
+        let digits: String = title.chars().filter(char::is_ascii_digit).collect();
+        let file = file.replace("{scene}", &title).replace("{scan}", &format!("{digits:0>3}"));
+        let of = |&trim: &u32| Maker::Cloud { name: name.clone(), file: PathBuf::from(&file), trim };
+        all.extend(TRIMS.iter().map(of));
+    }
+    if let Some(unknown) = args.rows.iter().find(|row| !all.iter().any(|maker| maker.name() == **row)) {
+        let known: Vec<String> = all.iter().map(Maker::name).collect();
+        bail!("--rows {unknown}: there is no such row; the rows are {}", known.join(", "));
+    }
+    all.retain(|maker| args.rows.is_empty() || args.rows.contains(&maker.name()));
+    for maker in &all {
+        if let Maker::Cloud { file, .. } = maker
+            && !file.is_file()
+        {
+            bail!("{}: there is no such file (--cloud, for {})", file.display(), scene.display());
+        }
+    }
+    Ok(all)
+}
+
+/// The name of a scene's folder.
+fn scene_title(scene: &Path) -> String {
+    let folder = if scene.is_file() { scene.parent().unwrap_or(scene) } else { scene };
+    let whole = folder.canonicalize().unwrap_or_else(|_| folder.to_owned());
+    whole.file_name().map_or_else(|| "scene".into(), |name| name.to_string_lossy().into_owned())
+}
+
+impl Row {
+    fn folder(&self) -> String {
+        format!("{}.{}", self.title, self.maker.name())
+    }
+
+    /// What the row is made of.
+    fn key(&self, args: &PaperArgs) -> Result<RecordKey> {
+        let cloud = match &self.maker {
+            Maker::Cloud { file, .. } => Some(Digest::of_file(file)?.to_string()),
+            Maker::Method(_) | Maker::OwnPoints { .. } => None,
+        };
+        let reference = args.reference.as_ref().map(|path| path.display().to_string());
+        record_key(
+            self.digest.clone(),
+            &json!({"row": self.maker.name(), "cloud": cloud, "reference": reference}),
+            "cpu",
+        )
+    }
+
+    fn record(&self, args: &PaperArgs) -> PathBuf {
+        args.out.join("runs").join(format!("{}.json", self.folder()))
+    }
+
+    fn kept(&self, args: &PaperArgs) -> Result<Kept<Figures>> {
+        kept(&self.record(args), &self.key(args)?)
+    }
+
+    /// Makes the surface and measures it, where that is not done.
+    fn make(&self, args: &PaperArgs, cancellation: &Cancellation, hear: &mut dyn FnMut(&str)) -> Result<Figures> {
+        if let Kept::Row(figures) = self.kept(args)? {
+            return Ok(figures);
+        }
+        let runs = args.out.join("runs");
+        std::fs::create_dir_all(&runs).with_context(|| runs.display().to_string())?;
+        let name = self.folder();
+        let caller = Caller { name: &name, cancellation };
+        let subject = match &self.maker {
+            Maker::Method(method) => runs.join(format!("{name}.{method}")),
+            Maker::OwnPoints { .. } | Maker::Cloud { .. } => runs.join(format!("{name}.ply")),
+        };
+        let begun = std::time::Instant::now();
+        let mut arguments: Vec<OsString> = match &self.maker {
+            Maker::Method(method) => {
+                let own = ["--method", method, "--no-report", "--overwrite"].map(OsString::from);
+                ["train".into(), self.scene.clone().into()].into_iter().chain(own).collect()
+            }
+            Maker::OwnPoints { trim } => surface_of(&self.scene, *trim),
+            Maker::Cloud { file, trim, .. } => surface_of(file, *trim),
+        };
+        arguments.extend(["--out".into(), subject.clone().into()]);
+        caller.call(arguments, hear)?;
+        let seconds = begun.elapsed().as_secs_f64();
+        let json = runs.join(format!("{name}.eval.json"));
+        let mut arguments: Vec<OsString> = vec!["eval".into(), subject.into(), "--no-views".into()];
+        arguments.extend(["--data".into(), self.scene.clone().into()]);
+        arguments.extend(["--overwrite".into(), "--json".into(), json.clone().into()]);
+        if let Some(reference) = &args.reference {
+            arguments.extend(["--protocol".into(), "dtu".into(), "--reference".into(), reference.clone().into()]);
+        }
+        caller.call(arguments, hear)?;
+        let text = std::fs::read_to_string(&json).with_context(|| json.display().to_string())?;
+        let report: Value = serde_json::from_str(&text).with_context(|| json.display().to_string())?;
+        let figures = figures_of(&report, seconds).with_context(|| {
+            format!(
+                "{}: it has no true surface and no verified points, and --reference was not given",
+                self.scene.display()
+            )
+        })?;
+        keep(&self.record(args), &self.key(args)?, figures)
+    }
+}
+
+fn surface_of(points: &Path, trim: u32) -> Vec<OsString> {
+    ["points2mesh".into(), points.into(), "--overwrite".into(), "--trim".into(), trim.to_string().into()].into()
+}
+
+/// What `dvr eval --json` says, by the best judge that it had.
+fn figures_of(report: &Value, seconds: f64) -> Option<Figures> {
+    let dtu = &report["dtu"];
+    if let Some(completeness) = dtu["completeness"]["mean"].as_f64() {
+        return Some(Figures { judge: Judge::Dtu, accuracy: dtu["accuracy"]["mean"].as_f64(), completeness, seconds });
+    }
+    let truth = &report["shape"]["surface"];
+    if let Some(completeness) = truth["completeness"].as_f64() {
+        return Some(Figures { judge: Judge::Truth, accuracy: truth["accuracy"].as_f64(), completeness, seconds });
+    }
+    let completeness = report["points"]["distance"]["mean"].as_f64()?;
+    Some(Figures { judge: Judge::Points, accuracy: None, completeness, seconds })
+}
+
+impl Judge {
+    const fn about(self) -> &'static str {
+        match self {
+            Self::Dtu => "By the protocol of DTU, mm",
+            Self::Truth => "By the true surface, edges of the object cube",
+            Self::Points => "By verified points, units of the files: their mean distance to the surface",
+        }
+    }
+}
+
+/// A row with what came of it.
+type Made<'a> = (&'a Row, std::result::Result<Figures, String>);
+
+const HEADS: [&str; 6] = ["scene", "surface", "accuracy", "completeness", "mean of both", "seconds"];
+
+fn cells(row: &Row, figures: &Figures) -> Vec<String> {
+    let number = |value: Option<f64>| value.map_or_else(String::new, |value| format!("{value:.4}"));
+    let both = figures.accuracy.map(|accuracy| 0.5 * (accuracy + figures.completeness));
+    let seconds = format!("{:.0}", figures.seconds);
+    let (accuracy, completeness) = (number(figures.accuracy), number(Some(figures.completeness)));
+    vec![row.title.clone(), row.maker.title(), accuracy, completeness, number(both), seconds]
+}
+
+/// Writes and prints the table: one for each judge.
+fn write_table(args: &PaperArgs, made: &[Made<'_>]) -> Result<()> {
+    let mut by_judge: BTreeMap<Judge, Vec<Vec<String>>> = BTreeMap::new();
+    let mut failures = Vec::new();
+    let mut keys = Vec::new();
+    let mut csv = csv::Writer::from_writer(Vec::new());
+    csv.write_record(["scene", "row", "judge", "accuracy", "completeness", "seconds"])?;
+    for (row, figures) in made {
+        match figures {
+            Ok(figures) => {
+                by_judge.entry(figures.judge).or_default().push(cells(row, figures));
+                keys.push(row.key(args)?);
+                let accuracy = figures.accuracy.map_or_else(String::new, |value| value.to_string());
+                let judge = serde_json::to_value(figures.judge)?;
+                csv.write_record([
+                    row.title.clone(),
+                    row.maker.name(),
+                    judge.as_str().unwrap_or_default().to_owned(),
+                    accuracy,
+                    figures.completeness.to_string(),
+                    figures.seconds.to_string(),
+                ])?;
+            }
+            Err(problem) => failures.push(format!("{}: {problem}", row.folder())),
+        }
+    }
+    let origin = origin(keys.iter().map(Some));
+    let mut text = format!("{origin}.\n");
+    let mut sections = Vec::new();
+    for (judge, rows) in &by_judge {
+        let _ = writeln!(text, "\n{}.\n\n| {} |\n|{}", judge.about(), HEADS.join(" | "), "---|".repeat(HEADS.len()));
+        for row in rows {
+            let _ = writeln!(text, "| {} |", row.join(" | "));
+        }
+        sections.push(Section::new(judge.about(), format!("<div class=\"wide\">{}</div>", table(&HEADS, rows))));
+    }
+    for failure in &failures {
+        let _ = writeln!(text, "\n- failed: {failure}");
+    }
+    let page = Page {
+        title: "Surfaces of many views".into(),
+        subtitle: origin,
+        sections,
+        footer: "This file is complete: it loads nothing from the network.".into(),
+    };
+    write_bytes_atomically(&args.out.join("table.md"), text.as_bytes())?;
+    write_bytes_atomically(&args.out.join("table.csv"), &csv.into_inner()?)?;
+    write_bytes_atomically(&args.out.join("report.html"), page.to_html().as_bytes())?;
+    println!("{text}");
+    FILES.iter().for_each(|name| eprintln!("wrote {}", args.out.join(name).display()));
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_best_judge_that_was_had_stands() {
+        let points = json!({"points": {"distance": {"mean": 0.3}}, "shape": {"surface": null}, "dtu": null});
+        let found = figures_of(&points, 1.0).unwrap();
+        assert_eq!((found.judge, found.accuracy, found.completeness), (Judge::Points, None, 0.3));
+        let mut all = points;
+        all["shape"]["surface"] = json!({"accuracy": 0.1, "completeness": 0.2});
+        assert_eq!(figures_of(&all, 1.0).unwrap().judge, Judge::Truth);
+        all["dtu"] = json!({"accuracy": {"mean": 1.0}, "completeness": {"mean": 2.0}});
+        let found = figures_of(&all, 1.0).unwrap();
+        assert_eq!((found.judge, found.accuracy, found.completeness), (Judge::Dtu, Some(1.0), 2.0));
+        assert!(figures_of(&json!({}), 1.0).is_none());
+    }
+}
