@@ -2,7 +2,10 @@
 
 mod support;
 
-use support::{Corpus, dvr, refuses, succeeds, text};
+use dvr_core::Scene;
+use dvr_core::mesh::{Mesh, write_mesh};
+use dvr_test_support::test_with;
+use support::{Corpus, Tiny, dvr, refuses, succeeds, text};
 
 #[test]
 fn the_table_of_single_pictures_is_made_kept_and_goes_on() {
@@ -67,6 +70,50 @@ fn objects_that_are_learned_by_heart_are_those_that_are_measured() {
     refuses(&dvr(&[&args[..], &["--by-heart", "99"]].concat()), &["6 objects", "99"]);
 }
 
+#[test_with(colmap)]
+fn a_table_of_scans_has_rows_of_methods_and_of_points() {
+    let tiny = Tiny::new();
+    let scene = Scene::read(tiny.scene()).unwrap();
+    let truth = scene.ground_truth.surface.as_ref().unwrap();
+    let to_world = &scene.object_to_world;
+    let cloud = Mesh {
+        vertices: truth.points.iter().map(|&point| to_world.transform_point_f32(point)).collect(),
+        normals: truth.normals.as_ref().map(|all| all.iter().map(|&n| to_world.transform_direction(n)).collect()),
+        ..Mesh::default()
+    };
+    let (data, out) = (tiny.scene(), tiny.path("scans"));
+    let name = data.file_name().unwrap().to_str().unwrap();
+    write_mesh(tiny.path(&format!("truth_{name}.ply")), &cloud).unwrap();
+    let points = format!("truth={}", tiny.path("truth_{scene}.ply").display());
+    let args = ["paper", "--table", "dtu", "--data", text(&data), "--out", text(&out), "--cloud", &points];
+    let plan = succeeds(&dvr(&[&args[..], &["--plan"]].concat()));
+    for row in ["hull", "classic", "grid", "stereo-poisson-7", "truth-0", "truth-5", "CPU minutes"] {
+        assert!(plan.contains(row), "{row}: {plan}");
+    }
+    assert!(!out.exists());
+    let rows = |rows: &str| dvr(&[&args[..], &["--rows", rows]].concat());
+    let output = rows("hull,truth-0");
+    let table = succeeds(&output);
+    assert!(table.contains("By the true surface") && table.contains("truth + sPSR, trimmed at 0"), "{table}");
+    let csv = std::fs::read_to_string(out.join("table.csv")).unwrap();
+    let figure = |row: &str| -> f64 {
+        let line = csv.lines().find(|line| line.split(',').nth(1) == Some(row)).unwrap();
+        line.split(',').nth(4).unwrap().parse().unwrap()
+    };
+    assert!(figure("truth-0") < figure("hull"), "the true points are nearer than the hull: {csv}");
+    assert!(std::fs::read_to_string(out.join("report.html")).unwrap().contains("visual hull"));
+    let again = rows("hull,truth-0");
+    succeeds(&again);
+    assert!(String::from_utf8_lossy(&again.stderr).contains("surfaces: 2 of 2 are kept"));
+
+    refuses(&rows("hull,truth-6"), &["truth-6", "truth-7", "stereo-poisson-5"]);
+    let lost = ["--cloud", "lost=/nowhere/{scan}.ply"];
+    refuses(&dvr(&[&args[..7], &lost].concat()), &["/nowhere/", ".ply", "no such file"]);
+    refuses(&dvr(&[&args[..7], &["--cloud", "a b"]].concat()), &["NAME=FILE"]);
+    refuses(&dvr(&[&args[..], &["--seeds", "2"]].concat()), &["one seed", "dvr bench"]);
+    refuses(&dvr(&[&args[..], &["--steps", "2"]].concat()), &["--steps", "shapenet"]);
+}
+
 #[test]
 fn what_a_table_cannot_be_made_of_is_refused_and_nothing_is_written() {
     let corpus = Corpus::new();
@@ -81,6 +128,7 @@ fn what_a_table_cannot_be_made_of_is_refused_and_nothing_is_written() {
     refuses(&paper("shapenet", text(&data), &["--data", text(&scene)]), &["one dataset", "2 paths"]);
     refuses(&paper("depth", text(&scene), &["--by-heart", "3"]), &["--by-heart", "shapenet"]);
     refuses(&paper("voxels", text(&data), &[]), &["voxels", "smoothness"]);
+    refuses(&paper("shapenet", text(&data), &["--reference", "/nowhere"]), &["--reference", "dtu"]);
     let inside = data.join("rings/out");
     let args = ["paper", "--table", "shapenet", "--data", text(&data), "--out", text(&inside)];
     refuses(&dvr(&args), &["rings"]);
