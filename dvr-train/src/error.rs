@@ -75,6 +75,12 @@ pub enum Error {
         /// The method.
         method: String,
     },
+    /// A threshold was given for a method whose shapes have no occupancies.
+    #[error("method {method} makes no occupancies, so that no threshold moves its surface")]
+    NoOccupancies {
+        /// The method.
+        method: String,
+    },
     /// The method learns from many objects, and a single scene was given.
     #[error("method {method} learns from a dataset of objects, not from a single scene")]
     NeedsObjects {

@@ -120,6 +120,10 @@ pub struct EvalObjectsArgs {
     /// Also compare renders of each mesh with this many views of the object [0 to 100000]
     #[arg(long, default_value_t = 0, value_parser = within(0usize, 100_000), value_name = "N")]
     pub object_views: usize,
+    /// Occupancy at which the surface lies: lower takes in what is less certain, as thin parts are [0.001 to 0.999; default: that of
+    /// the training]
+    #[arg(long, value_parser = within(0.001f64, 0.999), value_name = "OCCUPANCY", conflicts_with_all = ["baseline", "merge"])]
+    pub threshold: Option<f64>,
     /// Evaluate a baseline instead of a run
     #[arg(long, value_enum, requires = "data", requires = "out")]
     pub baseline: Option<Baseline>,

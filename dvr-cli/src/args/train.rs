@@ -93,6 +93,14 @@ pub struct TrainArgs {
     pub finding: FindingArgs,
     #[command(flatten)]
     pub objects: ObjectsArgs,
+    /// What makes the latent code of a picture: `convolutional`, `resnet18`; `local`, whose features a decoder also looks up where
+    /// a point lies in the picture (as PIFu); or `codes`, one for each training object, without pictures [default: that of the
+    /// method]
+    #[arg(long, value_name = "KIND", value_parser = ["convolutional", "resnet18", "local", "codes"], help_heading = "Datasets of objects")]
+    pub encoder: Option<String>,
+    /// Initialise the encoder with a trained ResNet-18: torchvision's .pth, or a checkpoint of DVR's reference code
+    #[arg(long, value_name = "FILE", help_heading = "Datasets of objects")]
+    pub pretrained: Option<PathBuf>,
     /// Real size: two pixels of a photograph on the object, and how far apart their points are, e.g.
     /// "IMG_1.jpg:(120,340)-(510,352)=12cm" (m, cm, mm, in or ft; pixels of the file from (0,0) at the top left [0 to 1000000],
     /// lengths [0.000001 to 1000000]). Meshes are then in metres. Repeatable: the mean stands, and what disagrees is told
@@ -131,14 +139,6 @@ pub struct ObjectsArgs {
     /// the views themselves]
     #[arg(long, value_name = "DIR")]
     pub inputs: Option<PathBuf>,
-    /// What makes the latent code of a picture: `convolutional`, `resnet18`; `local`, whose features a decoder also looks up where
-    /// a point lies in the picture (as PIFu); or `codes`, one for each training object, without pictures [default: that of the
-    /// method]
-    #[arg(long, value_name = "KIND", value_parser = ["convolutional", "resnet18", "local", "codes"])]
-    pub encoder: Option<String>,
-    /// Initialise the encoder with a trained ResNet-18: torchvision's .pth, or a checkpoint of DVR's reference code
-    #[arg(long, value_name = "FILE")]
-    pub pretrained: Option<PathBuf>,
 }
 
 impl TrainArgs {

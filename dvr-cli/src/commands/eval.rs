@@ -113,10 +113,11 @@ pub fn run(args: &EvalArgs, cancellation: &Cancellation) -> Result<ExitCode> {
 /// Refuses what has a meaning for datasets of objects only.
 fn refuse_objects(args: &EvalArgs) -> Result<()> {
     let objects = &args.objects;
-    if objects.split.is_some() || objects.shard.is_some() || objects.out.is_some() || objects.object_views > 0 {
+    let has_folder = objects.split.is_some() || objects.shard.is_some() || objects.out.is_some();
+    if has_folder || objects.object_views > 0 || objects.threshold.is_some() {
         bail!(
-            "--split, --out, --shard and --object-views are for models of many objects, and this is a single scene's; its \
-             figures go to --json FILE"
+            "--split, --out, --shard, --object-views and --threshold are for models of many objects, and this is a single \
+             scene's; its figures go to --json FILE"
         );
     }
     Ok(())

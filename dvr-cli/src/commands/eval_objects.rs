@@ -41,7 +41,11 @@ struct Subject {
 pub fn of_run(args: &EvalArgs, run: &Path, checkpoint: &Checkpoint, cancellation: &Cancellation) -> Result<ExitCode> {
     let device = args.backend.backend.device()?;
     memory::limit(&device, args.reading.memory);
-    let model = ObjectModel::load(checkpoint, &device)?;
+    let mut model = ObjectModel::load(checkpoint, &device)?;
+    let threshold = args.objects.threshold;
+    if let Some(threshold) = threshold {
+        model = model.with_threshold(threshold)?;
+    }
     let root = args.data.as_ref().unwrap_or(&checkpoint.header.scene);
     let mut options = options_of_run(checkpoint)?;
     let given = &args.objects.reading;
@@ -56,11 +60,15 @@ pub fn of_run(args: &EvalArgs, run: &Path, checkpoint: &Checkpoint, cancellation
     let split_name = split.to_possible_value().map_or(String::new(), |value| value.get_name().to_owned());
     let out = args.objects.out.clone().unwrap_or_else(|| folder.join(format!("eval_{split_name}")));
     let name = folder.canonicalize().ok().and_then(|path| Some(path.file_name()?.to_string_lossy().into_owned()));
-    let config = serde_json::to_value(&checkpoint.header.method)?;
+    let name = name.unwrap_or_else(|| "run".to_owned());
+    let mut config = serde_json::to_value(&checkpoint.header.method)?;
+    if let Some(threshold) = threshold {
+        config = json!({"method": config, "threshold": threshold});
+    }
     let subject = Subject {
         digest: Digest::of_all([&Digest::of_bytes(&checkpoint.state.model), &Digest::of_json(&config)]),
         predictor: Predictor::Model(Box::new(model)),
-        name: name.unwrap_or_else(|| "run".to_owned()),
+        name: threshold.map_or(name.clone(), |threshold| format!("{name}, surface at {threshold}")),
         steps: checkpoint.header.step,
         device: args.backend.backend.described(),
     };

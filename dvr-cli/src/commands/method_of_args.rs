@@ -28,10 +28,10 @@ pub fn configured(mut method: Box<dyn Method>, args: &TrainArgs, is_dataset: boo
             method.overridden(&json).with_context(|| path.display().to_string())?
         };
     }
-    if let Some(kind) = &args.objects.encoder {
+    if let Some(kind) = &args.encoder {
         method = method.with_overrides(&json!({ "encoder": { "kind": kind } }))?;
     }
-    if let Some(path) = &args.objects.pretrained {
+    if let Some(path) = &args.pretrained {
         method = method.with_overrides(&json!({ "pretrained": path }))?;
     }
     if !args.set.is_empty() {
@@ -74,7 +74,7 @@ pub fn method_name(args: &TrainArgs, is_dataset: bool) -> Result<Option<&'static
 fn refuse_misplaced(args: &TrainArgs, method: &dyn Method) -> Result<()> {
     let objects = &args.objects;
     let is_dataset = method.objects().is_some();
-    let has_pictures = objects.inputs.is_some() || objects.encoder.is_some() || objects.pretrained.is_some();
+    let has_pictures = objects.inputs.is_some() || args.encoder.is_some() || args.pretrained.is_some();
     if !is_dataset && (!objects.categories.is_empty() || has_pictures) {
         bail!(
             "--categories, --inputs, --encoder and --pretrained are for datasets of many objects, and this is a single scene"

@@ -73,7 +73,10 @@ pub fn run(args: &PredictArgs, cancellation: &Cancellation) -> Result<ExitCode> 
     memory::limit(&device, args.memory.memory);
     let options = surface_options(&args.surface, OBJECT_RESOLUTION, cancellation);
     memory::check_extraction(&options.extraction, &device, args.memory.memory)?;
-    let model = ObjectModel::load(&checkpoint, &device)?;
+    let mut model = ObjectModel::load(&checkpoint, &device)?;
+    if let Some(threshold) = args.threshold {
+        model = model.with_threshold(threshold)?;
+    }
     let tasks = tasks(args)?;
     let job = Job {
         args,
@@ -130,6 +133,7 @@ fn settings(args: &PredictArgs, checkpoint: &Checkpoint) -> Value {
         "background": args.background.map(|color| format!("{color:?}")),
         "background_threshold": args.background_threshold,
         "crop": args.crop,
+        "threshold": args.threshold,
         "surface": format!("{surface:?}"),
     })
 }

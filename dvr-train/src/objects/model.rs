@@ -6,15 +6,25 @@ use dvr_core::dataset::InputPicture;
 use dvr_core::mesh::Mesh;
 use dvr_core::{Camera, Supervision, UnitCube};
 use dvr_model::{Conditioned, ImageModel};
-use dvr_render::extract::FieldSurface;
+use dvr_render::extract::{ExtractSettings, FieldSurface, ScalarField};
 use dvr_render::{MarchSettings, RenderSettings, SkipGrid};
+use glam::Vec3;
 
 use super::config::ObjectsConfig;
-use crate::error::Result;
+use super::shape::Shape;
+use crate::error::{Error, Result};
+use crate::export::mesh::{ColorSource, MeshOptions, ObjectMesh, object_mesh};
 use crate::learners::module_state::{check_holds, restore_module};
 
 /// Cells along an edge of the grid that lets rendering skip empty space.
 const SKIP_CELLS: usize = 32;
+
+/// Points along an edge of the cube where the likeliest one is looked for.
+const SEARCH_POINTS: usize = 48;
+
+/// Where no point comes to the threshold, the surface lies at this share of the largest occupancy. Occupancies that are learned
+/// from pictures differ little within the visual hull: at half of the largest, the surface would be the hull.
+const SHARE_OF_LARGEST: f64 = 0.8;
 
 /// A model without gradient tracking, with the configuration that it was trained by. Its surface lies where the
 /// occupancy is [`ObjectsConfig::threshold`]; the last bias is shifted so that it is where the logit is 0, as everywhere.
@@ -34,6 +44,13 @@ impl FieldsModel {
         let model = restore_module(model, config.image_model().init(device))?.valid();
         let model = with_surface_at(model, config.surface_logit());
         Ok(Self { config, model })
+    }
+
+    /// The same with its surface at another occupancy.
+    pub(crate) fn with_threshold(self, threshold: f64) -> Self {
+        let before = self.config.surface_logit();
+        let config = ObjectsConfig { threshold, ..self.config };
+        Self { model: with_surface_at(self.model, config.surface_logit() - before), config }
     }
 
     /// The configuration.
@@ -56,10 +73,45 @@ impl FieldsModel {
         field_of(&self.model, None, row as i64, &self.device())
     }
 
-    /// A mesh of one of its fields, without the colours where none were learned: 3D supervision has no pictures.
-    pub(crate) fn with_learned_colors(&self, mesh: Mesh) -> Mesh {
-        let is_learned = self.config.train.supervision != Supervision::Occupancy;
-        Mesh { colors: mesh.colors.filter(|_| is_learned), ..mesh }
+    /// The shape of what it sees, `see` being the same question to it and to itself with another threshold; empty where there is
+    /// nothing to see.
+    ///
+    /// # Errors
+    /// When a surface needs more memory than there is.
+    pub(crate) fn shape(&self, see: impl Fn(&Self) -> Conditioned, extraction: &ExtractSettings) -> Result<Shape> {
+        let options =
+            MeshOptions { extraction: extraction.clone(), colors: ColorSource::Field, ..MeshOptions::default() };
+        match self.mesh(see, &options) {
+            Ok(extracted) => Ok(Shape::Mesh(extracted.mesh)),
+            Err(Error::NoMesh(_)) => Ok(Shape::Mesh(Mesh::default())),
+            Err(other) => Err(other),
+        }
+    }
+
+    /// The same as a mesh, without colours where none were learned: 3D supervision has no pictures. Where no point is as likely
+    /// inside as the threshold says, as of thin parts whose place a picture leaves open, the surface lies at
+    /// [`SHARE_OF_LARGEST`] of the largest occupancy.
+    ///
+    /// # Errors
+    /// When there is no surface at all, or it needs more memory than there is.
+    pub(crate) fn mesh(&self, see: impl Fn(&Self) -> Conditioned, options: &MeshOptions) -> Result<ObjectMesh> {
+        let field = see(self);
+        let mut extracted = match object_mesh(&FieldSurface::new(&field), options, &[], &[]) {
+            Err(Error::NoMesh(reason)) => {
+                let logit = largest_logit(&field) + self.config.surface_logit();
+                let threshold = SHARE_OF_LARGEST / (1.0 + (-logit).exp());
+                if !(threshold > 0.0 && threshold < self.config.threshold) {
+                    return Err(Error::NoMesh(reason));
+                }
+                let field = see(&self.clone().with_threshold(threshold));
+                object_mesh(&FieldSurface::new(&field), options, &[], &[])?
+            }
+            other => other?,
+        };
+        if self.config.train.supervision == Supervision::Occupancy {
+            extracted.mesh.colors = None;
+        }
+        Ok(extracted)
     }
 
     fn device(&self) -> Device {
@@ -89,6 +141,15 @@ pub(crate) fn render_settings(samples: usize) -> RenderSettings {
 /// Where a field's surface may be.
 pub(crate) fn skip_grid(field: &Conditioned) -> SkipGrid {
     SkipGrid::build(&FieldSurface::new(field), UnitCube::default(), SKIP_CELLS)
+}
+
+/// The largest logit on a grid of the cube.
+fn largest_logit(field: &Conditioned) -> f64 {
+    let half = UnitCube::default().half_extent() as f32;
+    let at = |i: usize| half * (2.0 * (i as f32 + 0.5) / SEARCH_POINTS as f32 - 1.0);
+    let n = SEARCH_POINTS;
+    let points: Vec<Vec3> = (0..n.pow(3)).map(|i| Vec3::new(at(i % n), at(i / n % n), at(i / n / n))).collect();
+    FieldSurface::new(field).logits(&points).into_iter().fold(f32::NEG_INFINITY, f32::max).into()
 }
 
 /// The field of the object in a picture, or of the training object with this place among them.

@@ -5,9 +5,8 @@ use std::path::Path;
 use burn::module::Module;
 use burn::tensor::Device;
 use dvr_core::dataset::InputPicture;
-use dvr_core::mesh::Mesh;
-use dvr_model::{Conditioned, EncoderConfig, RecordError, save_safetensors};
-use dvr_render::extract::{ExtractSettings, FieldSurface};
+use dvr_model::{EncoderConfig, RecordError, save_safetensors};
+use dvr_render::extract::ExtractSettings;
 
 use super::config::ObjectsConfig;
 use super::model::FieldsModel;
@@ -15,7 +14,6 @@ use super::shape::Shape;
 use super::systems::config::SystemConfig;
 use super::systems::model::SystemModel;
 use crate::error::{Error, Result};
-use crate::export::mesh::{ColorSource, MeshOptions, object_mesh};
 use crate::run::checkpoint::Checkpoint;
 
 /// A trained model of many objects.
@@ -40,6 +38,18 @@ impl ObjectModel {
         }
         let config = ObjectsConfig::of_record(record)?.ok_or(Error::OneScene)?;
         Ok(Self::Fields(FieldsModel::from_bytes(config, model, device)?))
+    }
+
+    /// The same with its surface at another occupancy than in its training, between 0 and 1: a lower one takes in what is less
+    /// certain, as thin parts are.
+    ///
+    /// # Errors
+    /// When its shapes have no occupancies.
+    pub fn with_threshold(self, threshold: f64) -> Result<Self> {
+        match self {
+            Self::Fields(model) => Ok(Self::Fields(model.with_threshold(threshold))),
+            Self::System(model) => Ok(Self::System(model.with_threshold(threshold)?)),
+        }
     }
 
     /// What makes the codes.
@@ -77,7 +87,7 @@ impl ObjectModel {
     /// When a surface needs more memory than there is.
     pub fn shape_of_picture(&self, picture: &InputPicture, extraction: &ExtractSettings) -> Result<Shape> {
         match self {
-            Self::Fields(model) => shape_of_field(model, &model.field_of_picture(picture), extraction),
+            Self::Fields(model) => model.shape(|model| model.field_of_picture(picture), extraction),
             Self::System(model) => Ok(model.shape(Some(picture), 0, extraction)),
         }
     }
@@ -88,7 +98,7 @@ impl ObjectModel {
     /// When a surface needs more memory than there is.
     pub fn shape_of_row(&self, row: usize, extraction: &ExtractSettings) -> Result<Shape> {
         match self {
-            Self::Fields(model) => shape_of_field(model, &model.field_of_row(row), extraction),
+            Self::Fields(model) => model.shape(|model| model.field_of_row(row), extraction),
             Self::System(model) => Ok(model.shape(None, row as i64, extraction)),
         }
     }
@@ -102,14 +112,5 @@ impl ObjectModel {
             Self::Fields(model) => save_safetensors(path, model.model(), &model.config().image_model()),
             Self::System(model) => save_safetensors(path, model.model(), &model.config().model()),
         }
-    }
-}
-
-fn shape_of_field(model: &FieldsModel, field: &Conditioned, extraction: &ExtractSettings) -> Result<Shape> {
-    let options = MeshOptions { extraction: extraction.clone(), colors: ColorSource::Field, ..MeshOptions::default() };
-    match object_mesh(&FieldSurface::new(field), &options, &[], &[]) {
-        Ok(extracted) => Ok(Shape::Mesh(model.with_learned_colors(extracted.mesh))),
-        Err(Error::NoMesh(_)) => Ok(Shape::Mesh(Mesh::default())),
-        Err(other) => Err(other),
     }
 }

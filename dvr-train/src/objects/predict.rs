@@ -2,14 +2,13 @@
 
 use dvr_core::dataset::InputPicture;
 use dvr_core::mesh::Mesh;
-use dvr_render::extract::FieldSurface;
 use dvr_render::{MeshShader, Shader, render_view};
 use glam::DVec3;
 use image::RgbImage;
 use image::imageops::{FilterType, resize};
 
 use crate::error::{Error, Result};
-use crate::export::mesh::{MeshOptions, object_mesh};
+use crate::export::mesh::MeshOptions;
 use crate::export::preview::{normal_picture, orbit_camera, sheet, to_rgb8};
 use crate::objects::object_model::ObjectModel;
 use crate::objects::shape::Shape;
@@ -38,9 +37,8 @@ pub fn predict(model: &ObjectModel, picture: &InputPicture, options: &MeshOption
     model.picture_size()?;
     let (shape, warnings) = match model {
         ObjectModel::Fields(model) => {
-            let field = model.field_of_picture(picture);
-            let extracted = object_mesh(&FieldSurface::new(field), options, &[], &[])?;
-            (Shape::Mesh(model.with_learned_colors(extracted.mesh)), extracted.warnings)
+            let extracted = model.mesh(|model| model.field_of_picture(picture), options)?;
+            (Shape::Mesh(extracted.mesh), extracted.warnings)
         }
         ObjectModel::System(model) => (model.shape(Some(picture), 0, &options.extraction), Vec::new()),
     };

@@ -12,6 +12,7 @@ use dvr_core::synth::{SynthConfig, render_dataset};
 use dvr_model::EncoderConfig;
 use dvr_render::Field;
 use dvr_render::Query;
+use dvr_render::extract::{ExtractSettings, FieldSurface};
 use dvr_test_support::max_difference;
 use glam::Vec3;
 
@@ -24,6 +25,7 @@ use super::predictor::{Predictor, evaluated_input};
 use super::shape::Shape;
 use super::trainer::ObjectsTrainer;
 use crate::config::MarchStage;
+use crate::export::mesh::{MeshOptions, object_mesh};
 use crate::learners::learner::Learner;
 use dvr_core::Supervision;
 
@@ -196,6 +198,26 @@ fn the_surface_lies_at_the_threshold_in_validation_and_in_what_a_checkpoint_give
     let (half, fifth) = (logits(0.5), logits(0.2));
     let shifted: Vec<f32> = half.iter().map(|logit| logit + 4.0f32.ln()).collect();
     assert!(max_difference(&fifth, &shifted) < 1e-5, "{half:?} {fifth:?}");
+}
+
+#[test]
+fn a_field_that_nowhere_comes_to_its_threshold_has_a_surface_all_the_same() {
+    let (_folder, dataset) = dataset();
+    let config = small(Supervision::Rgb);
+    let trainer = ObjectsTrainer::new(dataset.clone(), config.clone(), Device::flex()).unwrap();
+    let bytes = Learner::model(&trainer).unwrap();
+    let model = super::model::FieldsModel::from_bytes(config, &bytes, &Device::flex()).unwrap();
+    let picture = dataset.read_input(0, 0, 63).unwrap();
+    let extraction = ExtractSettings { resolution: 16, ..ExtractSettings::default() };
+    // As fresh, a network holds nothing for certain.
+    let sure = model.with_threshold(0.999);
+    let options = MeshOptions { extraction: extraction.clone(), ..MeshOptions::default() };
+    let none = object_mesh(&FieldSurface::new(sure.field_of_picture(&picture)), &options, &[], &[]);
+    assert!(matches!(none, Err(crate::error::Error::NoMesh(_))));
+    let Shape::Mesh(mesh) = sure.shape(|model| model.field_of_picture(&picture), &extraction).unwrap() else {
+        panic!("a surface")
+    };
+    assert!(!mesh.is_empty());
 }
 
 /// The model that a checkpoint holds.

@@ -12,7 +12,7 @@ use dvr_render::{MeshShader, ViewMetrics, view_metrics};
 use glam::Vec3;
 
 use super::config::SystemConfig;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::learners::module_state::{check_holds, restore_module};
 use crate::objects::model::{cameras_of, image_tensor, rows_tensor};
 use crate::objects::shape::Shape;
@@ -46,6 +46,16 @@ impl SystemModel {
     /// One in training, as it is now.
     pub(crate) fn of(config: SystemConfig, model: ShapeModel) -> Self {
         Self { config, model }
+    }
+
+    /// The same with its surface at another occupancy of voxels.
+    pub(crate) fn with_threshold(self, threshold: f64) -> Result<Self> {
+        match &self.model.decoder {
+            ShapeDecoder::Voxels(_) => Ok(Self { config: SystemConfig { threshold, ..self.config }, ..self }),
+            ShapeDecoder::Points(_) | ShapeDecoder::Patches(_) | ShapeDecoder::Graph(_) | ShapeDecoder::Sphere(_) => {
+                Err(Error::NoOccupancies { method: self.config.system.name().to_owned() })
+            }
+        }
     }
 
     /// The configuration.
