@@ -50,7 +50,14 @@ impl ImageModelConfig {
 
     /// How many numbers the model has at least.
     pub fn parameters(&self) -> u64 {
-        self.decoder.parameters().saturating_add(self.encoder.parameters(self.decoder.code_dim))
+        let aligned = match self.encoder {
+            EncoderConfig::Local { channels, .. } => {
+                (channels as u64).saturating_add(3).saturating_mul(self.decoder.hidden as u64)
+            }
+            _ => 0,
+        };
+        let encoder = self.encoder.parameters(self.decoder.code_dim);
+        self.decoder.parameters().saturating_add(encoder).saturating_add(aligned)
     }
 
     /// A model with fresh parameters.
@@ -106,7 +113,8 @@ impl ImageModel {
         self.encoder.forward(images, objects)
     }
 
-    /// The field of objects with these codes, `[b, code_dim]`; a query's object index picks the row.
+    /// The field of objects with these codes, `[b, code_dim]`, alone, without what [`ImageModel::see`] takes of the pictures; a
+    /// query's object index picks the row.
     pub fn field(&self, codes: Tensor<2>) -> Conditioned {
         self.decoder.with_codes(codes)
     }

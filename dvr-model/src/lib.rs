@@ -37,7 +37,7 @@
 //! let decoder = DecoderConfig::new().with_code_dim(16).with_hidden(32);
 //! let model = ImageModelConfig { encoder, decoder }.init(&device);
 //! let pictures = Tensor::ones([2, 3, 64, 64], &device);
-//! let field = model.field(model.codes(pictures, Tensor::from_ints([0, 1], &device)));
+//! let field = model.see(pictures, Tensor::from_ints([0, 1], &device), None).field;
 //! // A point of each object.
 //! let points = Tensor::from_floats([[0.0, 0.1, 0.2], [0.3, 0.0, -0.1]], &device);
 //! let query = Query { object: Some(Tensor::from_ints([0, 1], &device)), ..Query::new(points) };

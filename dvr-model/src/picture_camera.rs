@@ -20,15 +20,14 @@ pub(crate) fn camera_numbers(camera: &Camera) -> [f32; CAMERA_NUMBERS] {
 
 /// The camera of a picture `size` pixels wide that has these numbers, or nearly: its principal point is the middle.
 pub(crate) fn camera_of_numbers(numbers: &[f32], size: u32) -> Camera {
-    let row = |i: usize| {
-        DVec3::from_slice(&[0, 1, 2].map(|axis| f64::from(numbers.get(3 * i + axis).copied().unwrap_or(0.0))))
-    };
+    let number = |i: usize| numbers.get(i).copied().filter(|number| number.is_finite()).map_or(0.0, f64::from);
+    let row = |i: usize| DVec3::new(number(3 * i), number(3 * i + 1), number(3 * i + 2));
     let x = row(0).try_normalize().unwrap_or(DVec3::X);
     let y = (row(1) - x * row(1).dot(x)).try_normalize().unwrap_or_else(|| x.any_orthonormal_vector());
     let rotation = DMat3::from_cols(x, y, x.cross(y)).transpose();
     let width = f64::from(size);
     // Far from what any lens has, the guess is of no use, but a camera all the same.
-    let focal = width * f64::from(numbers.get(9).copied().unwrap_or(0.0)).clamp(-3.0, 5.0).exp();
+    let focal = width * number(9).clamp(-3.0, 5.0).exp();
     let intrinsics = DMat3::from_cols(
         DVec3::new(focal, 0.0, 0.0),
         DVec3::new(0.0, focal, 0.0),
@@ -53,8 +52,9 @@ mod tests {
     #[test]
     fn any_numbers_make_a_camera() {
         for numbers in [[0.0; CAMERA_NUMBERS], [f32::NAN; CAMERA_NUMBERS], [1e30; CAMERA_NUMBERS]] {
-            let rotation = camera_of_numbers(&numbers, 64).rotation;
+            let Camera { rotation, translation, intrinsics, .. } = camera_of_numbers(&numbers, 64);
             assert!((rotation.determinant() - 1.0).abs() < 1e-9, "{numbers:?}");
+            assert!(translation.is_finite() && intrinsics.is_finite(), "{numbers:?}");
         }
     }
 }

@@ -31,8 +31,10 @@ struct Place {
 struct Projected {
     /// Columns and rows, `[n, 1]` each, not yet within the plane.
     place: [Tensor<2>; 2],
-    /// Depth, `[n, 1]`.
+    /// Depth, `[n, 1]`, at least [`NEAREST`].
     depth: Tensor<2>,
+    /// 1 where the depth is the point's own, 0 where it is too near.
+    has_depth: Tensor<2>,
     /// The matrix of each point, `[n, 12]`.
     matrix: Tensor<2>,
 }
@@ -105,7 +107,8 @@ impl PixelAligned {
         let along = |direction: &Tensor<2>| {
             let moved = [0, 1, 2].map(|row| dot(&projected.matrix, row, direction));
             let [dx, dy] = [0, 1].map(|axis| {
-                let at = moved[axis].clone() - projected.place[axis].clone() * moved[2].clone();
+                let nearer = projected.place[axis].clone() * moved[2].clone() * projected.has_depth.clone();
+                let at = moved[axis].clone() - nearer;
                 at / projected.depth.clone() * inside[axis].clone()
             });
             by_x.clone() * dx + by_y.clone() * dy
@@ -123,8 +126,9 @@ impl PixelAligned {
     fn project(&self, points: &Tensor<2>, object: &Tensor<1, Int>) -> Projected {
         let matrix = self.projections.clone().select(0, object.clone());
         let [x, y, depth] = [0, 1, 2].map(|row| dot(&matrix, row, points) + matrix.clone().narrow(1, 4 * row + 3, 1));
+        let has_depth = depth.clone().greater_elem(NEAREST).float();
         let depth = depth.clamp_min(NEAREST);
-        Projected { place: [x / depth.clone(), y / depth.clone()], depth, matrix }
+        Projected { place: [x / depth.clone(), y / depth.clone()], depth, has_depth, matrix }
     }
 
     fn place(&self, projected: &Projected, object: &Tensor<1, Int>) -> Place {
@@ -239,6 +243,18 @@ mod tests {
         let column = rows(value)[0][0];
         assert!(column == 0.0 || column == (SIDE - 1) as f32, "{column}");
         assert_eq!(rows(tangents[0].clone())[0][0], 0.0);
+    }
+
+    #[test]
+    fn a_point_behind_the_camera_has_features_and_finite_derivatives() {
+        let (features, _) = features();
+        let device = Device::flex();
+        let (point, object) = (Tensor::from_floats([[0.3, 0.4, -2.5]], &device), Tensor::from_ints([0], &device));
+        let direction = Tensor::from_floats([[0.0, 1e-6, 1e-6]], &device);
+        let (value, tangents) = features.tangents(&point, &object, &[direction]);
+        assert!(
+            rows(value).concat().iter().chain(&rows(tangents[0].clone()).concat()).all(|number| number.is_finite())
+        );
     }
 
     #[test]

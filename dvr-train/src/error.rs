@@ -76,7 +76,7 @@ pub enum Error {
         method: String,
     },
     /// A threshold was given for a method whose shapes have no occupancies.
-    #[error("method {method} makes no occupancies, so that no threshold moves its surface")]
+    #[error("method {method} makes no occupancies, so that no threshold moves its surface: leave --threshold out")]
     NoOccupancies {
         /// The method.
         method: String,

@@ -110,7 +110,7 @@ pub struct EvalObjectsArgs {
     #[arg(long, value_enum, value_name = "SPLIT")]
     pub split: Option<SplitArg>,
     /// Folder for objects.jsonl and the tables summary.{json,csv,md}; objects in objects.jsonl are not measured again
-    /// [default: eval_SPLIT in the run]
+    /// [default: eval_SPLIT in the run, with --threshold eval_SPLIT_at_OCCUPANCY]
     #[arg(long, short, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Evaluate one part of the objects, for a cluster's job array: 3/16 is the third of sixteen parts
@@ -120,7 +120,8 @@ pub struct EvalObjectsArgs {
     /// Also compare renders of each mesh with this many views of the object [0 to 100000]
     #[arg(long, default_value_t = 0, value_parser = within(0usize, 100_000), value_name = "N")]
     pub object_views: usize,
-    /// Occupancy at which the surface lies: lower takes in what is less certain, as thin parts are [0.001 to 0.999; default: that of
+    /// Occupancy at which the surface lies: lower takes in what is less certain, as thin parts are; where nothing
+    /// comes to it, the likeliest points make the surface [0.001 to 0.999; default: that of
     /// the training]
     #[arg(long, value_parser = within(0.001f64, 0.999), value_name = "OCCUPANCY", conflicts_with_all = ["baseline", "merge"])]
     pub threshold: Option<f64>,

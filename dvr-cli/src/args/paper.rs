@@ -14,7 +14,7 @@ use super::values::within;
 scans, or any other scenes. Published figures stand beside ours, and are of ShapeNet: on other data only the order of \
 systems can be compared.
 
-What is finished is kept in DIR, and an interrupted training goes on where it was: the same command continues.
+What is finished is kept in DIR: the same command continues. Interrupted trainings of shapenet go on where they were.
 
 Examples:
   dvr paper --table shapenet --data furniture/data --out DIR --plan      how long it takes
@@ -50,7 +50,7 @@ pub struct PaperArgs {
     /// Rows to make: drc, softras, dvr, dvr-local, drc-depth, dvr-depth, dvr-local-depth, dvr-rgb-depth, r2n2, psgn, atlasnet,
     /// pixel2mesh, onet, mean-shape, nearest-picture; of dtu: hull, classic, grid, stereo-poisson-0 (-5, -7) and those of --cloud;
     /// comma-separated [default: all]
-    #[arg(long, value_delimiter = ',', value_name = "ROW", help_heading = "Single pictures (shapenet)")]
+    #[arg(long, value_delimiter = ',', value_name = "ROW")]
     pub rows: Vec<String>,
     /// Optimiser steps of each training [1 to 100000000; default: those of each method]
     #[arg(long, value_parser = within(1usize, 100_000_000), value_name = "N", help_heading = "Single pictures (shapenet)")]

@@ -48,7 +48,8 @@ pub struct PredictArgs {
     /// Crop to a square around the object with a margin of a tenth; needs an alpha channel, --masks or --background
     #[arg(long, help_heading = "Finding the object")]
     pub crop: bool,
-    /// Occupancy at which the surface lies: lower takes in what is less certain, as thin parts are [0.001 to 0.999; default: that of
+    /// Occupancy at which the surface lies: lower takes in what is less certain, as thin parts are; where nothing
+    /// comes to it, the likeliest points make the surface [0.001 to 0.999; default: that of
     /// the training]
     #[arg(long, value_parser = within(0.001f64, 0.999), value_name = "OCCUPANCY")]
     pub threshold: Option<f64>,

@@ -157,6 +157,7 @@ impl ObjectsArgs {
     /// The library's options; the source of depth maps is an argument of scenes.
     pub fn options(&self, reading: &SceneArgs) -> ObjectOptions {
         ObjectOptions {
+            inputs_are_views: false,
             categories: self.categories.clone(),
             inputs: self.inputs.clone(),
             visual_hull_depth: reading.visual_hull_depth,

@@ -63,7 +63,7 @@ fn scan_of(folder: &Path, paths: [Option<&Path>; 2]) -> Result<u32> {
 }
 
 /// The number behind `scan` in the last part of a path that has one.
-fn named_scan(path: &Path) -> Option<u32> {
+pub fn named_scan(path: &Path) -> Option<u32> {
     let path = path.canonicalize().unwrap_or_else(|_| path.to_owned()).to_string_lossy().to_lowercase();
     path.rmatch_indices("scan").find_map(|(at, word)| {
         let digits = &path[at + word.len()..];

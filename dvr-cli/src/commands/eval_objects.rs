@@ -58,7 +58,8 @@ pub fn of_run(args: &EvalArgs, run: &Path, checkpoint: &Checkpoint, cancellation
     let folder = if run.is_dir() { run.to_owned() } else { run.parent().unwrap_or(Path::new(".")).to_owned() };
     let split = args.objects.split.unwrap_or(SplitArg::Test);
     let split_name = split.to_possible_value().map_or(String::new(), |value| value.get_name().to_owned());
-    let out = args.objects.out.clone().unwrap_or_else(|| folder.join(format!("eval_{split_name}")));
+    let at = args.objects.threshold.map_or_else(String::new, |threshold| format!("_at_{threshold}"));
+    let out = args.objects.out.clone().unwrap_or_else(|| folder.join(format!("eval_{split_name}{at}")));
     let name = folder.canonicalize().ok().and_then(|path| Some(path.file_name()?.to_string_lossy().into_owned()));
     let name = name.unwrap_or_else(|| "run".to_owned());
     let mut config = serde_json::to_value(&checkpoint.header.method)?;

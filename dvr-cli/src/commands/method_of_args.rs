@@ -28,7 +28,9 @@ pub fn configured(mut method: Box<dyn Method>, args: &TrainArgs, is_dataset: boo
             method.overridden(&json).with_context(|| path.display().to_string())?
         };
     }
-    if let Some(kind) = &args.encoder {
+    // The same kind keeps the method's own size.
+    let others = |kind: &&String| method.config().is_ok_and(|config| config["encoder"]["kind"] != **kind);
+    if let Some(kind) = args.encoder.as_ref().filter(others) {
         method = method.with_overrides(&json!({ "encoder": { "kind": kind } }))?;
     }
     if let Some(path) = &args.pretrained {

@@ -7,6 +7,7 @@ use anyhow::{Result, bail};
 use cpu_time::ProcessTime;
 use dvr_core::dataset::{ObjectDataset, ReadOptions};
 use dvr_core::{Cancellation, Split};
+use dvr_model::EncoderConfig;
 use dvr_report::SourceRun;
 use dvr_train::{Method, ObjectsMetrics, ObjectsTraining, RunFolder, Stop, finish_objects, train_objects};
 
@@ -36,7 +37,15 @@ pub fn run(
         }
         None => {
             let Some(path) = args.scene.clone() else { bail!("no dataset was given") };
-            (path, args.objects.options(&args.reading))
+            let mut options = args.objects.options(&args.reading);
+            // Features are found by the camera of the picture.
+            options.inputs_are_views = matches!(training.encoder(), EncoderConfig::Local { .. });
+            if options.inputs_are_views && options.inputs.is_some() {
+                bail!(
+                    "--inputs: the encoder of kind `local` sees the views, whose cameras are known; leave --inputs out"
+                );
+            }
+            (path, options)
         }
     };
     let dataset = Arc::new(ObjectDataset::open(&root, options.clone())?);

@@ -38,6 +38,8 @@ pub struct ObjectOptions {
     /// Another dataset that has the pictures for the encoder, under the same names of category and object; `None` where
     /// they lie with the objects.
     pub inputs: Option<PathBuf>,
+    /// Give the views to the encoder, whose cameras are known, even where objects have other pictures for it.
+    pub inputs_are_views: bool,
     /// Take depth from `visual_hull_depth/`, even where there is a `depth/`.
     pub visual_hull_depth: bool,
 }
@@ -52,7 +54,7 @@ pub struct ObjectOptions {
 /// for object in dataset.of_split(Split::Val) {
 ///     let picture = dataset.read_input(object, 0, 224)?; // what an encoder sees
 ///     let view = dataset.read_view(object, 12)?; // to train on or to compare with
-///     println!("{}: {} and {}", dataset.objects()[object].name, picture.width(), view.name);
+///     println!("{}: {} and {}", dataset.objects()[object].name, picture.image.width(), view.name);
 /// }
 /// # Ok::<(), dvr_core::Error>(())
 /// ```
@@ -247,6 +249,7 @@ impl ObjectDataset {
         let input_root = self.input_root(object);
         let own_folders: &[&str] = if self.options.inputs.is_some() { &IMAGE_FOLDERS } else { &[] };
         let input_folder = sub_folder(&input_root, &INPUT_FOLDERS).or_else(|| sub_folder(&input_root, own_folders));
+        let input_folder = input_folder.filter(|_| !self.options.inputs_are_views || self.options.inputs.is_some());
         let inputs = match input_folder {
             None if self.options.inputs.is_some() => {
                 return Err(Error::format(

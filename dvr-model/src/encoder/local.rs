@@ -75,17 +75,9 @@ impl Local {
         let device = images.device();
         let maps = self.convolutional.maps(images);
         let side = maps[0].dims()[3];
-        let mut plane: Option<Tensor<4>> = None;
-        for (k, lateral) in self.laterals.iter().enumerate() {
-            let map = lateral.forward(relu(maps[k].clone()));
-            let map = if k == 0 { map } else { enlarged(map, k, side, &device) };
-            plane = Some(match plane {
-                Some(sum) => sum + map,
-                None => map,
-            });
-        }
+        let lateral = |k: usize| self.laterals[k].forward(relu(maps[k].clone()));
+        let plane = (1..MAPS).fold(lateral(0), |sum, k| sum + enlarged(lateral(k), k, side, &device));
         let features = relu(global_mean(maps[4].clone()));
-        let plane = plane.unwrap_or_else(|| maps[0].clone());
         LocalFeatures {
             codes: self.convolutional.code(features.clone()),
             plane: self.smooth.forward(relu(plane)),

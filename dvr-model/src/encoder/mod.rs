@@ -125,10 +125,11 @@ impl EncoderConfig {
         let code_dim = code_dim as u64;
         match *self {
             Self::Resnet18 { .. } => code_dim.saturating_mul(512),
-            Self::Convolutional { width, .. } | Self::Local { width, .. } => {
-                let width = width.max(1) as u64;
-                let last = width.saturating_mul(width).saturating_mul(8 * 16 * 9);
-                last.saturating_add(code_dim.saturating_mul(width.saturating_mul(16)))
+            Self::Convolutional { width, .. } => convolutional_parameters(width, code_dim),
+            Self::Local { width, channels, .. } => {
+                let channels = channels as u64;
+                let smooth = channels.saturating_mul(channels).saturating_mul(9);
+                convolutional_parameters(width, code_dim).saturating_add(smooth)
             }
             Self::Codes { objects } => (objects as u64).saturating_mul(code_dim),
         }
@@ -143,6 +144,12 @@ impl EncoderConfig {
             Self::Codes { objects } => Encoder::Codes(Codes::new(objects, code_dim, device)),
         }
     }
+}
+
+fn convolutional_parameters(width: usize, code_dim: u64) -> u64 {
+    let width = width.max(1) as u64;
+    let last = width.saturating_mul(width).saturating_mul(8 * 16 * 9);
+    last.saturating_add(code_dim.saturating_mul(width.saturating_mul(16)))
 }
 
 /// Makes the latent codes of objects (`c` in DVR, section 3.1).
@@ -168,7 +175,7 @@ impl Encoder {
         match self {
             Self::Resnet18(encoder) => encoder.forward(images),
             Self::Convolutional(encoder) => encoder.forward(images),
-            Self::Local(encoder) => encoder.forward(images).codes,
+            Self::Local(encoder) => encoder.convolutional.forward(images),
             Self::Codes(codes) => codes.forward(objects),
         }
     }

@@ -33,7 +33,7 @@ static MESHES: LazyLock<Vec<Mesh>> =
 static NEIGHBOURS: LazyLock<Vec<Neighbours>> = LazyLock::new(|| MESHES.iter().map(Neighbours::of).collect());
 
 /// A ball that is deformed in three stages, from coarse to fine, by features of the picture where its vertices lie (Wang et al.
-/// 2018, Pixel2Mesh, section 3). The paper starts from an ellipsoid in front of the camera, with 156, 618 and 2466 vertices, six
+/// 2018, Pixel2Mesh). The paper starts from an ellipsoid in front of the camera, with 156, 618 and 2466 vertices, six
 /// blocks a stage and features of a VGG-16.
 #[derive(Module, Debug)]
 pub struct GraphDecoder {
@@ -61,7 +61,7 @@ pub struct GraphStage {
     pub last: GraphConvolution,
 }
 
-/// `W0 x_p + W1 mean(x_q) + b`, `q` being the neighbours of `p` (the paper's equation 1, which has their sum).
+/// `W0 x_p + W1 mean(x_q) + b`, `q` being the neighbours of `p` (the paper's graph convolution has their sum).
 #[derive(Module, Debug)]
 pub struct GraphConvolution {
     /// Of the vertex itself, with the bias.
@@ -204,7 +204,7 @@ impl Neighbours {
         (near * shares).sum_dim(2).squeeze_dim(2)
     }
 
-    /// Values of the next coarser mesh's vertices, and between them their means: `[b, v, c]` (the paper's section 3.4).
+    /// Values of the next coarser mesh's vertices, and between them their means: `[b, v, c]` (the paper's graph unpooling).
     fn refine(&self, values: Tensor<3>) -> Tensor<3> {
         let device = values.device();
         let [a, b] = self.parents.each_ref().map(|rows| {

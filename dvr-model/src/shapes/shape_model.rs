@@ -34,10 +34,20 @@ impl ShapeModelConfig {
     /// Names the first value that is out of range.
     pub fn check(&self) -> Result<(), OutOfRange> {
         check_config(self, &Self::ranges())?;
-        if matches!(self.decoder, ShapeDecoderConfig::Graph { .. })
-            && !matches!(self.encoder, EncoderConfig::Local { .. })
-        {
-            return Err(OutOfRange::new("encoder.kind", "not `local`", "`local` for the decoder of kind `graph`"));
+        let takes_places = matches!(self.decoder, ShapeDecoderConfig::Graph { .. });
+        let kind = match self.encoder {
+            EncoderConfig::Local { .. } => "local",
+            EncoderConfig::Resnet18 { .. } => "resnet18",
+            EncoderConfig::Convolutional { .. } => "convolutional",
+            EncoderConfig::Codes { .. } => "codes",
+        };
+        if takes_places != (kind == "local") {
+            let range = if takes_places {
+                "`local` for the decoder of kind `graph`"
+            } else {
+                "`local` for the decoder of kind `graph` alone"
+            };
+            return Err(OutOfRange::new("encoder.kind", kind, range));
         }
         self.encoder.check_image_size()
     }

@@ -73,9 +73,18 @@ impl VoxelDecoder {
     }
 }
 
-/// The batch's own statistics where gradients are tracked, of more than one object; the running ones elsewhere.
+/// By the batch's own statistics where gradients are tracked, and by the running ones elsewhere and for a single object, which
+/// differs from nothing.
 fn normalised(norm: &BatchNorm, net: Tensor<3>) -> Tensor<3> {
+    let [objects, features, _] = net.dims();
     let is_training = net.device().is_autodiff();
+    if is_training && objects == 1 {
+        let of_feature = |values: Tensor<1>| values.reshape([1, features, 1]);
+        let running = |values: Tensor<1>| of_feature(Tensor::from_inner(values));
+        let deviation = (running(norm.running_var.value_sync().inner()) + norm.epsilon).sqrt();
+        let net = (net - running(norm.running_mean.value_sync().inner())) / deviation;
+        return net * of_feature(norm.gamma.val()) + of_feature(norm.beta.val());
+    }
     let net = norm.forward(net);
     if is_training {
         // burn keeps a layer's last update aside until the next one, where a checkpoint taken in between would miss it.

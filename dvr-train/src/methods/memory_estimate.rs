@@ -21,6 +21,9 @@ const NUMBER: f64 = 4.0;
 const LAYERS_PER_BLOCK: f64 = 5.0;
 const MORE_LAYERS: f64 = 10.0;
 
+/// Layers of a point that features of its place in the picture take, with their derivatives along three axes.
+const ALIGNED_LAYERS: f64 = 40.0;
+
 /// Layers that the normal term keeps for each block and point: values and three tangents, with their masks, at two
 /// points.
 const LAYERS_OF_NORMALS: f64 = 40.0;
@@ -81,7 +84,8 @@ pub(crate) fn system_step_bytes(config: &SystemConfig) -> u64 {
         ShapeDecoderConfig::Voxels { width } => 1.25 * 8.0 * 17f64.powi(3) * width as f64 + 4.0 * 32f64.powi(3),
         ShapeDecoderConfig::Points { width } => 4.0 * 768.0 * width as f64,
         ShapeDecoderConfig::Patches { width, .. } => 1.75 * (config.points * width) as f64,
-        // The last of three stages, of 642 vertices, and the others, a third of it: six layers with six neighbours of each vertex.
+        // Six layers of the last of three stages, of 642 vertices: each of a vertex, its six neighbours and their mean; and those
+        // of the others, which are a third of it.
         ShapeDecoderConfig::Graph { width } => 1.4 * 642.0 * 6.0 * 8.0 * width as f64 / LAYERS_PER_BLOCK,
         ShapeDecoderConfig::Sphere { width } => 3.0 * width as f64 + 12.0 * 1920.0,
     };
@@ -135,8 +139,17 @@ fn objects_step(config: &ObjectsConfig) -> f64 {
         }
         EncoderConfig::Codes { objects } => (objects * train.model.code_dim) as f64,
     };
+    // The plane as the decoder takes it, and what a point finds in it: four places, what lies between them, derivatives.
+    let aligned = match &config.encoder {
+        EncoderConfig::Local { image_size, .. } => {
+            let hidden = NUMBER * train.model.hidden as f64;
+            let plane = 0.25 * (image_size * image_size) as f64;
+            objects * hidden * (2.0 * plane + ALIGNED_LAYERS * points as f64)
+        }
+        EncoderConfig::Resnet18 { .. } | EncoderConfig::Convolutional { .. } | EncoderConfig::Codes { .. } => 0.0,
+    };
     let images = image_bytes(&config.encoder);
-    of_targets + matches + objects * images + NUMBER * PARAMETER_COPIES * weights + parameters(&train.model)
+    aligned + of_targets + matches + objects * images + NUMBER * PARAMETER_COPIES * weights + parameters(&train.model)
 }
 
 /// Bytes of so many rays: their points on the graph, and the normals at some of them.

@@ -104,7 +104,12 @@ impl FieldsModel {
                     return Err(Error::NoMesh(reason));
                 }
                 let field = see(&self.clone().with_threshold(threshold));
-                object_mesh(&FieldSurface::new(&field), options, &[], &[])?
+                let mut lower = object_mesh(&FieldSurface::new(&field), options, &[], &[])?;
+                lower.warnings.push(format!(
+                    "no point is as likely inside as the threshold of {}: the surface lies at {threshold:.3}",
+                    self.config.threshold
+                ));
+                lower
             }
             other => other?,
         };

@@ -147,9 +147,9 @@ impl ObjectDrawer {
                 let picture = self.dataset.read_input(object, input, size as u32)?;
                 if picture.camera.is_none() && matches!(self.encoder, EncoderConfig::Local { .. }) {
                     let path = &self.dataset.objects()[object].path;
-                    let remedy =
-                        "The encoder of kind `local` learns from pictures that are views of the object, with cameras.";
-                    return Err(dvr_core::Error::format(path, "the encoder's pictures have no cameras", remedy).into());
+                    let problem = format!("the camera of view {input} is unusable, or its picture a mirror image");
+                    let remedy = "The encoder of kind `local` sees views with cameras: mend cameras.npz.";
+                    return Err(dvr_core::Error::format(path, problem, remedy).into());
                 }
                 Some(picture)
             }

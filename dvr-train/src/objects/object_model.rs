@@ -5,6 +5,7 @@ use std::path::Path;
 use burn::module::Module;
 use burn::tensor::Device;
 use dvr_core::dataset::InputPicture;
+use dvr_core::number_range::OutOfRange;
 use dvr_model::{EncoderConfig, RecordError, save_safetensors};
 use dvr_render::extract::ExtractSettings;
 
@@ -44,8 +45,11 @@ impl ObjectModel {
     /// certain, as thin parts are.
     ///
     /// # Errors
-    /// When its shapes have no occupancies.
+    /// When its shapes have no occupancies, or the threshold is none.
     pub fn with_threshold(self, threshold: f64) -> Result<Self> {
+        if !(threshold > 0.0 && threshold < 1.0) {
+            return Err(OutOfRange::new("threshold", threshold, "above 0 and below 1").into());
+        }
         match self {
             Self::Fields(model) => Ok(Self::Fields(model.with_threshold(threshold))),
             Self::System(model) => Ok(Self::System(model.with_threshold(threshold)?)),

@@ -27,7 +27,7 @@ pub enum Comparison {
 pub fn run(args: &PaperArgs, comparison: Comparison, cancellation: &Cancellation) -> Result<ExitCode> {
     if !args.rows.is_empty() || args.steps.is_some() || args.by_heart.is_some() {
         bail!(
-            "--rows, --steps and --by-heart are for --table shapenet; compare other settings with `dvr bench --variant`"
+            "--rows, --steps and --by-heart are for --table shapenet (--rows for dtu too); compare other settings with `dvr bench --variant`"
         );
     }
     let arguments = arguments(args, comparison);

@@ -5,11 +5,13 @@ use std::ffi::OsString;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
 use dvr_core::Cancellation;
 use dvr_core::dataset::{ReadOptions, digest_of_scene};
 use dvr_core::files::{Claim, FolderKind, OutputFolder, check_beside_data, write_bytes_atomically};
+use dvr_core::metrics::dtu::DtuReference;
 use dvr_core::record::{Digest, RecordKey};
 use dvr_report::{Page, Section, table};
 use dvr_train::Observer;
@@ -18,6 +20,7 @@ use serde_json::{Value, json};
 
 use super::call::Caller;
 use crate::args::{NamedCloud, PaperArgs};
+use crate::commands::eval_dtu::named_scan;
 use crate::commands::kept_row::{Kept, Standing, keep, kept};
 use crate::commands::provenance::{origin, record_key};
 use crate::progress::Progress;
@@ -74,8 +77,15 @@ struct Row {
     scene: PathBuf,
     /// The name of the scene's folder.
     title: String,
-    digest: Digest,
+    /// The number of DTU's scan, where it is judged by one.
+    scan: Option<u32>,
     maker: Maker,
+}
+
+/// What the scenes' files, and those of the scans, are.
+struct Contents {
+    scene: Digest,
+    scan: Option<Digest>,
 }
 
 impl Maker {
@@ -117,43 +127,55 @@ pub fn run(args: &PaperArgs, cancellation: &Cancellation) -> Result<ExitCode> {
     if args.seeds != 1 {
         bail!("--table dtu is made of one seed; compare seeds with `dvr bench --seeds {}`", args.seeds);
     }
-    let makers = |scene: &Path| makers_of(args, scene);
-    if args.plan {
-        let all: Vec<Maker> = args.data.iter().map(|scene| makers(scene)).collect::<Result<Vec<_>>>()?.concat();
-        for maker in &all {
-            println!("{:<22}{:>6.1}  {}", maker.name(), maker.minutes(), maker.title());
-        }
-        println!("about {:.0} CPU minutes", all.iter().map(Maker::minutes).sum::<f64>());
-        return Ok(ExitCode::SUCCESS);
+    let rows: Vec<Row> =
+        args.data.iter().map(|scene| rows_of(args, scene)).collect::<Result<Vec<_>>>()?.into_iter().flatten().collect();
+    let is_twice = |(i, row): &(usize, &Row)| rows[..*i].iter().any(|other| other.folder() == row.folder());
+    if let Some((_, twice)) = rows.iter().enumerate().find(is_twice) {
+        bail!("two rows are called {}: give scenes, and clouds, different names", twice.folder());
     }
     for scene in &args.data {
         check_beside_data(&args.out, scene)?;
     }
+    if args.plan {
+        for row in &rows {
+            println!("{:<32}{:>6.1}  {}", row.folder(), row.maker.minutes(), row.maker.title());
+        }
+        println!("about {:.0} CPU minutes", rows.iter().map(|row| row.maker.minutes()).sum::<f64>());
+        return Ok(ExitCode::SUCCESS);
+    }
     let _writing = OutputFolder::claim(&args.out, FolderKind::PaperTable, Claim::NewOrContinue, &FILES)?;
     let mut progress = Progress::new();
     progress.phase("reading the scenes", args.data.len());
-    let mut rows = Vec::new();
+    let mut contents: BTreeMap<&Path, Contents> = BTreeMap::new();
     for (i, scene) in args.data.iter().enumerate() {
-        let digest = digest_of_scene(scene, &ReadOptions::default(), None)?;
-        let title = scene_title(scene);
-        let of = |maker| Row { scene: scene.clone(), title: title.clone(), digest: digest.clone(), maker };
-        rows.extend(makers(scene)?.into_iter().map(of));
-        progress.progress(i + 1, &title);
+        let scan = match (&args.reference, rows.iter().find(|row| row.scene == *scene).and_then(|row| row.scan)) {
+            (Some(folder), Some(scan)) => {
+                let files = DtuReference::files(folder, scan);
+                let digests =
+                    files.iter().map(|file| Digest::of_file(file)).collect::<std::result::Result<Vec<_>, _>>()?;
+                Some(Digest::of_all(&digests))
+            }
+            _ => None,
+        };
+        contents.insert(scene, Contents { scene: digest_of_scene(scene, &ReadOptions::default(), None)?, scan });
+        progress.progress(i + 1, &scene_title(scene));
     }
-    if let Some(twice) =
-        rows.iter().enumerate().find(|(i, row)| rows[..*i].iter().any(|other| other.folder() == row.folder()))
-    {
-        bail!("two rows are called {}: give scenes, and clouds, different names", twice.1.folder());
-    }
+    let rows: Vec<(Row, RecordKey)> = rows
+        .into_iter()
+        .map(|row| {
+            let key = row.key(&contents[row.scene.as_path()])?;
+            Ok((row, key))
+        })
+        .collect::<Result<_>>()?;
     let mut standing = Standing::default();
-    for row in &rows {
-        standing.count(&row.folder(), &row.kept(args)?);
+    for (row, key) in &rows {
+        standing.count(&row.folder(), &kept::<Figures>(&row.record(args, "figures"), key)?);
     }
     eprintln!("surfaces: {standing}");
     progress.phase("rows", rows.len());
     let mut made = Vec::new();
-    for (i, row) in rows.iter().enumerate() {
-        let figures = row.make(args, cancellation, &mut |said| progress.progress(i, said));
+    for (i, (row, key)) in rows.iter().enumerate() {
+        let figures = row.make(args, key, cancellation, &mut |said| progress.progress(i, said));
         if cancellation.is_cancelled() {
             eprintln!("finished rows are kept in {}; the same command continues", args.out.display());
             cancellation.check()?;
@@ -161,24 +183,34 @@ pub fn run(args: &PaperArgs, cancellation: &Cancellation) -> Result<ExitCode> {
         if let Err(error) = &figures {
             progress.note(&format!("failed: {error:#}"));
         }
-        made.push((row, figures.map_err(|error| format!("{error:#}"))));
+        made.push((row, key, figures.map_err(|error| format!("{error:#}"))));
         progress.progress(i + 1, &row.folder());
     }
     write_table(args, &made)?;
-    Ok(if made.iter().all(|(_, figures)| figures.is_ok()) { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+    Ok(if made.iter().all(|(.., figures)| figures.is_ok()) { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
 /// The rows of a scene: those that were asked for.
-fn makers_of(args: &PaperArgs, scene: &Path) -> Result<Vec<Maker>> {
+fn rows_of(args: &PaperArgs, scene: &Path) -> Result<Vec<Row>> {
+    let title = scene_title(scene);
+    let number = named_scan(Path::new(&title));
+    let scan = match &args.reference {
+        None => None,
+        Some(folder) => Some(scan_of(folder, number).with_context(|| scene.display().to_string())?),
+    };
     let methods = METHODS.iter().map(|(name, _)| Maker::Method(name));
     let own = TRIMS.iter().map(|&trim| Maker::OwnPoints { trim });
     let mut all: Vec<Maker> = methods.chain(own).collect();
     for NamedCloud { name, file } in &args.clouds {
-        let title = scene_title(scene);
-        let digits: String = title.chars().filter(char::is_ascii_digit).collect();
-        let file = file.replace("{scene}", &title).replace("{scan}", &format!("{digits:0>3}"));
-        let of = |&trim: &u32| Maker::Cloud { name: name.clone(), file: PathBuf::from(&file), trim };
-        all.extend(TRIMS.iter().map(of));
+        let number = match number.or(scan) {
+            Some(number) => format!("{number:03}"),
+            None if file.contains("{scan}") => {
+                bail!("--cloud {name}={file}: the name of {} has no number behind `scan`", scene.display())
+            }
+            None => String::new(),
+        };
+        let file = PathBuf::from(file.replace("{scene}", &title).replace("{scan}", &number));
+        all.extend(TRIMS.iter().map(|&trim| Maker::Cloud { name: name.clone(), file: file.clone(), trim }));
     }
     if let Some(unknown) = args.rows.iter().find(|row| !all.iter().any(|maker| maker.name() == **row)) {
         let known: Vec<String> = all.iter().map(Maker::name).collect();
@@ -192,14 +224,30 @@ fn makers_of(args: &PaperArgs, scene: &Path) -> Result<Vec<Maker>> {
             bail!("{}: there is no such file (--cloud, for {})", file.display(), scene.display());
         }
     }
-    Ok(all)
+    let row = |maker| Row { scene: scene.to_owned(), title: title.clone(), scan, maker };
+    Ok(all.into_iter().map(row).collect())
+}
+
+/// The scan of a scene whose name has this number, if any.
+fn scan_of(folder: &Path, number: Option<u32>) -> Result<u32> {
+    let scans = DtuReference::scans(folder);
+    match (number, &scans[..]) {
+        (Some(number), _) if scans.contains(&number) => Ok(number),
+        (None, [only]) => Ok(*only),
+        (Some(number), _) => bail!("--reference {} has no scan {number}", folder.display()),
+        (None, _) => bail!(
+            "its name has no number behind `scan`, and --reference {} has {} scans",
+            folder.display(),
+            scans.len()
+        ),
+    }
 }
 
 /// The name of a scene's folder.
 fn scene_title(scene: &Path) -> String {
-    let folder = if scene.is_file() { scene.parent().unwrap_or(scene) } else { scene };
-    let whole = folder.canonicalize().unwrap_or_else(|_| folder.to_owned());
-    whole.file_name().map_or_else(|| "scene".into(), |name| name.to_string_lossy().into_owned())
+    let whole = scene.canonicalize().unwrap_or_else(|_| scene.to_owned());
+    let folder = if whole.is_file() { whole.parent().unwrap_or(&whole) } else { &whole };
+    folder.file_name().map_or_else(|| "scene".into(), |name| name.to_string_lossy().into_owned())
 }
 
 impl Row {
@@ -208,41 +256,46 @@ impl Row {
     }
 
     /// What the row is made of.
-    fn key(&self, args: &PaperArgs) -> Result<RecordKey> {
+    fn key(&self, contents: &Contents) -> Result<RecordKey> {
         let cloud = match &self.maker {
-            Maker::Cloud { file, .. } => Some(Digest::of_file(file)?.to_string()),
+            Maker::Cloud { file, .. } => Some(Digest::of_file(file)?),
             Maker::Method(_) | Maker::OwnPoints { .. } => None,
         };
-        let reference = args.reference.as_ref().map(|path| path.display().to_string());
-        record_key(
-            self.digest.clone(),
-            &json!({"row": self.maker.name(), "cloud": cloud, "reference": reference}),
-            "cpu",
-        )
+        let settings = json!({"row": self.maker.name(), "cloud": cloud, "scan": contents.scan});
+        record_key(contents.scene.clone(), &settings, "cpu")
     }
 
-    fn record(&self, args: &PaperArgs) -> PathBuf {
-        args.out.join("runs").join(format!("{}.json", self.folder()))
+    /// The key of the surface alone, whatever it is judged by.
+    fn surface_key(key: &RecordKey, maker: &Maker, contents_of_cloud: Option<Digest>) -> RecordKey {
+        let settings = Digest::of_json(&json!({"surface": maker.name(), "cloud": contents_of_cloud}));
+        RecordKey { settings, ..key.clone() }
     }
 
-    fn kept(&self, args: &PaperArgs) -> Result<Kept<Figures>> {
-        kept(&self.record(args), &self.key(args)?)
+    fn record(&self, args: &PaperArgs, what: &str) -> PathBuf {
+        args.out.join("runs").join(format!("{}.{what}.json", self.folder()))
     }
 
-    /// Makes the surface and measures it, where that is not done.
-    fn make(&self, args: &PaperArgs, cancellation: &Cancellation, hear: &mut dyn FnMut(&str)) -> Result<Figures> {
-        if let Kept::Row(figures) = self.kept(args)? {
-            return Ok(figures);
-        }
+    /// The surface, made where it is not there; and the wall seconds that it took.
+    fn surface(
+        &self,
+        args: &PaperArgs,
+        key: &RecordKey,
+        caller: &Caller<'_>,
+        hear: &mut dyn FnMut(&str),
+    ) -> Result<(PathBuf, f64)> {
         let runs = args.out.join("runs");
         std::fs::create_dir_all(&runs).with_context(|| runs.display().to_string())?;
-        let name = self.folder();
-        let caller = Caller { name: &name, cancellation };
-        let subject = match &self.maker {
-            Maker::Method(method) => runs.join(format!("{name}.{method}")),
-            Maker::OwnPoints { .. } | Maker::Cloud { .. } => runs.join(format!("{name}.ply")),
+        let (subject, cloud) = match &self.maker {
+            Maker::Method(_) => (runs.join(self.folder()), None),
+            Maker::OwnPoints { .. } => (runs.join(format!("{}.ply", self.folder())), None),
+            Maker::Cloud { file, .. } => (runs.join(format!("{}.ply", self.folder())), Some(Digest::of_file(file)?)),
         };
-        let begun = std::time::Instant::now();
+        let (record, key) = (self.record(args, "surface"), Self::surface_key(key, &self.maker, cloud));
+        if let Kept::Row(seconds) = kept::<f64>(&record, &key)?
+            && subject.exists()
+        {
+            return Ok((subject, seconds));
+        }
         let mut arguments: Vec<OsString> = match &self.maker {
             Maker::Method(method) => {
                 let own = ["--method", method, "--no-report", "--overwrite"].map(OsString::from);
@@ -252,25 +305,47 @@ impl Row {
             Maker::Cloud { file, trim, .. } => surface_of(file, *trim),
         };
         arguments.extend(["--out".into(), subject.clone().into()]);
+        let begun = Instant::now();
         caller.call(arguments, hear)?;
-        let seconds = begun.elapsed().as_secs_f64();
-        let json = runs.join(format!("{name}.eval.json"));
+        let seconds = keep(&record, &key, begun.elapsed().as_secs_f64())?;
+        Ok((subject, seconds))
+    }
+
+    /// Makes the surface and measures it, where that is not done.
+    fn make(
+        &self,
+        args: &PaperArgs,
+        key: &RecordKey,
+        cancellation: &Cancellation,
+        hear: &mut dyn FnMut(&str),
+    ) -> Result<Figures> {
+        let record = self.record(args, "figures");
+        if let Kept::Row(figures) = kept(&record, key)? {
+            return Ok(figures);
+        }
+        let name = self.folder();
+        let caller = Caller { name: &name, cancellation };
+        let (subject, seconds) = self.surface(args, key, &caller, hear)?;
+        let json = self.record(args, "eval");
         let mut arguments: Vec<OsString> = vec!["eval".into(), subject.into(), "--no-views".into()];
         arguments.extend(["--data".into(), self.scene.clone().into()]);
         arguments.extend(["--overwrite".into(), "--json".into(), json.clone().into()]);
-        if let Some(reference) = &args.reference {
+        if let (Some(reference), Some(scan)) = (&args.reference, self.scan) {
             arguments.extend(["--protocol".into(), "dtu".into(), "--reference".into(), reference.clone().into()]);
+            arguments.extend(["--scan".into(), scan.to_string().into()]);
         }
         caller.call(arguments, hear)?;
         let text = std::fs::read_to_string(&json).with_context(|| json.display().to_string())?;
         let report: Value = serde_json::from_str(&text).with_context(|| json.display().to_string())?;
-        let figures = figures_of(&report, seconds).with_context(|| {
-            format!(
-                "{}: it has no true surface and no verified points, and --reference was not given",
+        let figures = figures_of(&report, args.reference.is_some(), seconds).with_context(|| match &args.reference {
+            Some(reference) => format!("{}: no distances to the scan of {}", json.display(), reference.display()),
+            None => format!(
+                "{}: the surface is empty, or the scene has neither a true surface nor verified points; DTU's evaluation data \
+                 are given with --reference",
                 self.scene.display()
-            )
+            ),
         })?;
-        keep(&self.record(args), &self.key(args)?, figures)
+        keep(&record, key, figures)
     }
 }
 
@@ -278,17 +353,18 @@ fn surface_of(points: &Path, trim: u32) -> Vec<OsString> {
     ["points2mesh".into(), points.into(), "--overwrite".into(), "--trim".into(), trim.to_string().into()].into()
 }
 
-/// What `dvr eval --json` says, by the best judge that it had.
-fn figures_of(report: &Value, seconds: f64) -> Option<Figures> {
-    let dtu = &report["dtu"];
-    if let Some(completeness) = dtu["completeness"]["mean"].as_f64() {
+/// What `dvr eval --json` says, by the protocol where it was asked for, else by the best judge that there was.
+fn figures_of(report: &Value, by_protocol: bool, seconds: f64) -> Option<Figures> {
+    if by_protocol {
+        let dtu = &report["dtu"];
+        let completeness = dtu["completeness"]["mean"].as_f64()?;
         return Some(Figures { judge: Judge::Dtu, accuracy: dtu["accuracy"]["mean"].as_f64(), completeness, seconds });
     }
     let truth = &report["shape"]["surface"];
     if let Some(completeness) = truth["completeness"].as_f64() {
         return Some(Figures { judge: Judge::Truth, accuracy: truth["accuracy"].as_f64(), completeness, seconds });
     }
-    let completeness = report["points"]["distance"]["mean"].as_f64()?;
+    let completeness = report["points"]["distances"]["mean"].as_f64()?;
     Some(Figures { judge: Judge::Points, accuracy: None, completeness, seconds })
 }
 
@@ -303,7 +379,7 @@ impl Judge {
 }
 
 /// A row with what came of it.
-type Made<'a> = (&'a Row, std::result::Result<Figures, String>);
+type Made<'a> = (&'a Row, &'a RecordKey, std::result::Result<Figures, String>);
 
 const HEADS: [&str; 6] = ["scene", "surface", "accuracy", "completeness", "mean of both", "seconds"];
 
@@ -322,11 +398,11 @@ fn write_table(args: &PaperArgs, made: &[Made<'_>]) -> Result<()> {
     let mut keys = Vec::new();
     let mut csv = csv::Writer::from_writer(Vec::new());
     csv.write_record(["scene", "row", "judge", "accuracy", "completeness", "seconds"])?;
-    for (row, figures) in made {
+    for (row, key, figures) in made {
         match figures {
             Ok(figures) => {
                 by_judge.entry(figures.judge).or_default().push(cells(row, figures));
-                keys.push(row.key(args)?);
+                keys.push(*key);
                 let accuracy = figures.accuracy.map_or_else(String::new, |value| value.to_string());
                 let judge = serde_json::to_value(figures.judge)?;
                 csv.write_record([
@@ -341,7 +417,7 @@ fn write_table(args: &PaperArgs, made: &[Made<'_>]) -> Result<()> {
             Err(problem) => failures.push(format!("{}: {problem}", row.folder())),
         }
     }
-    let origin = origin(keys.iter().map(Some));
+    let origin = origin(keys.into_iter().map(Some));
     let mut text = format!("{origin}.\n");
     let mut sections = Vec::new();
     for (judge, rows) in &by_judge {
@@ -353,6 +429,10 @@ fn write_table(args: &PaperArgs, made: &[Made<'_>]) -> Result<()> {
     }
     for failure in &failures {
         let _ = writeln!(text, "\n- failed: {failure}");
+    }
+    if !failures.is_empty() {
+        let rows: Vec<Vec<String>> = failures.iter().map(|failure| vec![failure.clone()]).collect();
+        sections.push(Section::new("Failed", table(&["what the commands said"], &rows)));
     }
     let page = Page {
         title: "Surfaces of many views".into(),
@@ -370,19 +450,28 @@ fn write_table(args: &PaperArgs, made: &[Made<'_>]) -> Result<()> {
 
 #[cfg(test)]
 mod tests {
+    use dvr_core::VerifiedPoints;
+    use dvr_core::metrics::points::{PointsSettings, score_points};
+    use glam::DVec3;
+
     use super::*;
 
     #[test]
     fn the_best_judge_that_was_had_stands() {
-        let points = json!({"points": {"distance": {"mean": 0.3}}, "shape": {"surface": null}, "dtu": null});
-        let found = figures_of(&points, 1.0).unwrap();
-        assert_eq!((found.judge, found.accuracy, found.completeness), (Judge::Points, None, 0.3));
+        let mesh = dvr_core::mesh::shapes::icosphere(2, 1.0);
+        let points = VerifiedPoints { points: vec![DVec3::new(0.0, 0.0, 1.5)], ..VerifiedPoints::default() };
+        let score = score_points(&mesh, &points, &[], &PointsSettings::default()).unwrap();
+        let points = json!({"points": score, "shape": {"surface": null}, "dtu": null});
+        let found = figures_of(&points, false, 1.0).unwrap();
+        assert_eq!((found.judge, found.accuracy), (Judge::Points, None));
+        assert!((0.5..0.6).contains(&found.completeness), "{found:?}");
         let mut all = points;
         all["shape"]["surface"] = json!({"accuracy": 0.1, "completeness": 0.2});
-        assert_eq!(figures_of(&all, 1.0).unwrap().judge, Judge::Truth);
+        assert_eq!(figures_of(&all, false, 1.0).unwrap().judge, Judge::Truth);
+        assert!(figures_of(&all, true, 1.0).is_none(), "the protocol was asked for");
         all["dtu"] = json!({"accuracy": {"mean": 1.0}, "completeness": {"mean": 2.0}});
-        let found = figures_of(&all, 1.0).unwrap();
+        let found = figures_of(&all, true, 1.0).unwrap();
         assert_eq!((found.judge, found.accuracy, found.completeness), (Judge::Dtu, Some(1.0), 2.0));
-        assert!(figures_of(&json!({}), 1.0).is_none());
+        assert!(figures_of(&json!({}), false, 1.0).is_none());
     }
 }

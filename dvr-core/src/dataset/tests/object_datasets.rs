@@ -108,6 +108,7 @@ fn renders_of_3d_r2n2_are_inputs() {
     let options = ObjectOptions { inputs: Some(inputs.path().to_owned()), ..ObjectOptions::default() };
     let objects = ObjectDataset::open(folder.path(), options).unwrap();
     assert_eq!(objects.inputs(0).unwrap(), 2);
+    assert!(objects.read_input(0, 1, 64).unwrap().camera.is_none(), "nobody says where it was taken from");
     let picture = objects.read_input(0, 1, 64).unwrap().image;
     let white = picture.pixels().filter(|pixel| pixel.0 == [255; 3]).count();
     assert_eq!(picture.get_pixel(0, 0).0, [255; 3]);

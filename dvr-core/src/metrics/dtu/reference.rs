@@ -53,7 +53,7 @@ impl DtuReference {
     /// # Errors
     /// [`Error::Format`] where a file is missing or damaged, and the errors of [`read_mat`] and [`read_mesh`].
     pub fn read(folder: &Path, scan: u32) -> Result<Self> {
-        let [mask, plane, points] = files(folder, scan);
+        let [mask, plane, points] = Self::files(folder, scan);
         for path in [&mask, &plane, &points] {
             if !path.is_file() {
                 let name = path.strip_prefix(folder).unwrap_or(path).display();
@@ -66,12 +66,21 @@ impl DtuReference {
         Ok(Self { observed: read_mask(&mask)?, plane: read_plane(&plane)?, scan: read_scan(&points)? })
     }
 
+    /// Mask, plane and points of a scan.
+    pub fn files(folder: &Path, scan: u32) -> [PathBuf; 3] {
+        [
+            folder.join(format!("ObsMask/ObsMask{scan}_10.mat")),
+            folder.join(format!("ObsMask/Plane{scan}.mat")),
+            folder.join(format!("Points/stl/stl{scan:03}_total.ply")),
+        ]
+    }
+
     /// The scans whose files are all in such a folder, in ascending order; none where there is no such folder.
     pub fn scans(folder: &Path) -> Vec<u32> {
         let Ok(entries) = std::fs::read_dir(folder.join("ObsMask")) else { return Vec::new() };
         let scan_of = |name: &str| name.strip_prefix("ObsMask")?.strip_suffix("_10.mat")?.parse().ok();
         let scan = |entry: std::fs::DirEntry| scan_of(&entry.file_name().to_string_lossy());
-        let has_all = |scan: &u32| files(folder, *scan).iter().all(|path| path.is_file());
+        let has_all = |scan: &u32| Self::files(folder, *scan).iter().all(|path| path.is_file());
         let mut scans: Vec<u32> = entries.flatten().filter_map(scan).filter(has_all).collect();
         scans.sort_unstable();
         scans
@@ -82,15 +91,6 @@ impl DtuReference {
         let [a, b, c, d] = self.plane;
         a * point.x + b * point.y + c * point.z + d > 0.0
     }
-}
-
-/// Mask, plane and points of a scan.
-fn files(folder: &Path, scan: u32) -> [PathBuf; 3] {
-    [
-        folder.join(format!("ObsMask/ObsMask{scan}_10.mat")),
-        folder.join(format!("ObsMask/Plane{scan}.mat")),
-        folder.join(format!("Points/stl/stl{scan:03}_total.ply")),
-    ]
 }
 
 fn read_mask(path: &Path) -> Result<ObservationMask> {

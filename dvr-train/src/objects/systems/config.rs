@@ -83,7 +83,21 @@ impl System {
             Self::Drc => &["system", "points", "sharpness", "laplacian", "flatness"],
             Self::SoftRas => &["system", "points", "rays", "threshold"],
             Self::R2n2 => &["system", "points", "views", "rays", "sharpness", "laplacian", "flatness"],
-            Self::Psgn | Self::AtlasNet | Self::Pixel2Mesh => {
+            Self::Pixel2Mesh => {
+                const HIDDEN: &[&str] = &[
+                    "system",
+                    "pretrained",
+                    "code_dim",
+                    "views",
+                    "rays",
+                    "threshold",
+                    "sharpness",
+                    "laplacian",
+                    "flatness",
+                ];
+                HIDDEN
+            }
+            Self::Psgn | Self::AtlasNet => {
                 &["system", "views", "rays", "threshold", "sharpness", "laplacian", "flatness"]
             }
         }
@@ -215,6 +229,10 @@ impl SystemConfig {
         if std::mem::discriminant(&own) != std::mem::discriminant(&self.decoder) {
             let problem = format!("{} has another kind of decoder than {:?}", self.system.name(), self.decoder);
             return Err(Error::BadConfig { problem });
+        }
+        if matches!(self.decoder, ShapeDecoderConfig::Voxels { .. }) && self.objects < 2 {
+            let range = format!("at least 2, since {} normalises over the objects of a step", self.system.name());
+            return Err(OutOfRange::new("objects", self.objects, range).into());
         }
         if !self.system.supervisions().contains(&self.supervision) {
             let known: Vec<String> = self.system.supervisions().iter().map(Supervision::to_string).collect();

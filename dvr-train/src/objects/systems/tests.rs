@@ -44,10 +44,11 @@ fn dataset(folder: &Path) -> Arc<ObjectDataset> {
 fn small(system: System, supervision: Supervision) -> SystemConfig {
     let config = SystemConfig::new(system, supervision);
     let change = serde_json::json!({
-        "encoder": {"kind": "codes", "objects": 2}, "code_dim": 8, "objects": 2, "validate_objects": 2, "steps": 200,
+        "encoder": {"kind": "codes", "objects": 2}, "objects": 2, "validate_objects": 2, "steps": 200,
         "milestones_percent": [70], "learning_rate": 3e-3,
     });
     let mut config = config.overridden(&change).unwrap();
+    config.code_dim = 8;
     if system == System::Pixel2Mesh {
         // It has no codes, but a picture.
         config.encoder = EncoderConfig::Local { image_size: 64, width: 4, channels: 16 };
@@ -159,6 +160,9 @@ fn a_decoder_of_another_kind_and_supervision_without_a_loss_are_refused() {
     assert!(other.check().unwrap_err().to_string().contains("psgn"));
     let error = SystemConfig::new(System::SoftRas, Supervision::Depth).check().unwrap_err().to_string();
     assert!(error.contains("softras") && error.contains("rgb"), "{error}");
+    let alone =
+        SystemConfig::new(System::Drc, Supervision::Rgb).overridden(&serde_json::json!({"objects": 1})).unwrap();
+    assert!(alone.check().unwrap_err().to_string().contains("at least 2"));
     let no_places = SystemConfig::new(System::Pixel2Mesh, Supervision::Occupancy);
     let no_places = no_places.overridden(&serde_json::json!({"encoder": {"kind": "convolutional"}})).unwrap();
     assert!(no_places.check().unwrap_err().to_string().contains("encoder.kind"));

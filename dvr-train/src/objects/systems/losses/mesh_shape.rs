@@ -71,29 +71,28 @@ impl Connections {
         vertices.clone() - sums * share
     }
 
-    /// How much a step of a deformation changes the surroundings of vertices: the squared difference of what is between them
-    /// and the mean of their neighbours, before and after, a mean over vertices and objects, `[1]` (Wang et al. 2018, Pixel2Mesh,
-    /// equation 5).
-    pub fn bending(&self, before: &Tensor<3>, after: &Tensor<3>) -> Tensor<1> {
+    /// The squared change of Laplacian coordinates in a step of a deformation, a mean over vertices and objects, `[1]` (Wang et al.
+    /// 2018, Pixel2Mesh, Laplacian regularisation).
+    pub fn laplacian_change(&self, before: &Tensor<3>, after: &Tensor<3>) -> Tensor<1> {
         let [objects, n, _] = after.dims();
         let change = self.laplacian_coordinates(after) - self.laplacian_coordinates(before);
         change.square().sum() / (objects * n) as f64
     }
 
     /// The mean squared length of edges, and the mean of the cosine's absolute value between the edges of vertices and the normal
-    /// of the surface that they lie on (the same, section 3.3 and equation 4), `[1]` each; `normals` are `[b, v, 3]`.
-    pub fn edges(&self, vertices: &Tensor<3>, normals: Option<&Tensor<3>>) -> (Tensor<1>, Option<Tensor<1>>) {
+    /// of the surface that they lie on (the same, edge length regularisation and normal loss), `[1]` each; `normals` are
+    /// `[b, v, 3]`.
+    pub fn edges(&self, vertices: &Tensor<3>, normals: &Tensor<3>) -> (Tensor<1>, Tensor<1>) {
         let device = vertices.device();
         let rows = |list: &[i64]| Tensor::<1, Int>::from_data(TensorData::new(list.to_vec(), [list.len()]), &device);
         let edges = vertices.clone().select(1, rows(&self.neighbours)) - vertices.clone().select(1, rows(&self.of));
         let length = edges.clone().square().sum_dim(2).mean();
-        let cosine =
-            normals.map(|normals| (unit(edges) * normals.clone().select(1, rows(&self.of))).sum_dim(2).abs().mean());
+        let cosine = (unit(edges) * normals.clone().select(1, rows(&self.of))).sum_dim(2).abs().mean();
         (length, cosine)
     }
 
     /// `(cos a + 1)^2` of the angle `a` between the two faces at each edge, a sum over edges and a mean over objects, `[1]`:
-    /// zero where they lie in a plane (the same, equation 7).
+    /// zero where they lie in a plane (Liu et al. 2019, equation 7).
     pub fn flatness(&self, vertices: &Tensor<3>) -> Tensor<1> {
         let [objects, ..] = vertices.dims();
         let device = vertices.device();
