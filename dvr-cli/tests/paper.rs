@@ -107,6 +107,7 @@ fn a_table_of_scans_has_rows_of_methods_and_of_points() {
     assert!(String::from_utf8_lossy(&again.stderr).contains("surfaces: 2 of 2 are kept"));
 
     refuses(&rows("hull,truth-6"), &["truth-6", "truth-7", "stereo-poisson-5"]);
+    refuses(&dvr(&[&args[..], &["--points", "none.npz"]].concat()), &["--points none.npz", "none of the scenes"]);
     let lost = ["--cloud", "lost=/nowhere/{scan}.ply"];
     refuses(&dvr(&[&args[..7], &lost].concat()), &["/nowhere/", ".ply", "no such file"]);
     refuses(&dvr(&[&args[..7], &["--cloud", "a b"]].concat()), &["NAME=FILE"]);

@@ -43,6 +43,10 @@ pub struct PaperArgs {
     /// name of the scene's folder, {scan} for its number with three digits; repeatable
     #[arg(long = "cloud", value_name = "NAME=FILE", help_heading = "Scans (dtu)")]
     pub clouds: Vec<NamedCloud>,
+    /// Verified points, by the name of their file in each scene's folder, e.g. verified_points.npz; they judge scenes that have no
+    /// true surface [default: the sparse points of the scene]
+    #[arg(long, value_name = "NAME", help_heading = "Scans (dtu)")]
+    pub points: Option<PathBuf>,
     /// Folder of DTU's evaluation data (ObsMask, Points), whose protocol then judges [default: the scenes' true surfaces, or else
     /// their verified points]
     #[arg(long, value_name = "DIR", help_heading = "Scans (dtu)")]

@@ -99,6 +99,7 @@ mod tests {
                 by_heart: None,
                 clouds: Vec::new(),
                 reference: None,
+                points: None,
             };
             let all = ["dvr".to_owned()].into_iter().chain(arguments(&args, comparison));
             let Command::Bench(benchmark) = Cli::try_parse_from(all).unwrap().command else { panic!("no benchmark") };

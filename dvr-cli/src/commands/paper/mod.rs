@@ -20,8 +20,9 @@ use many_views::Comparison;
 
 /// Makes a table, or says what that takes.
 pub fn run(args: &PaperArgs, cancellation: &Cancellation) -> Result<ExitCode> {
-    if args.table != PaperTable::Dtu && (!args.clouds.is_empty() || args.reference.is_some()) {
-        bail!("--cloud and --reference are for --table dtu");
+    let has_scans = !args.clouds.is_empty() || args.reference.is_some() || args.points.is_some();
+    if args.table != PaperTable::Dtu && has_scans {
+        bail!("--cloud, --points and --reference are for --table dtu");
     }
     match args.table {
         PaperTable::Shapenet => single_pictures::run(args, cancellation),

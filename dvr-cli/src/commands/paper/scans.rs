@@ -79,6 +79,8 @@ struct Row {
     title: String,
     /// The number of DTU's scan, where it is judged by one.
     scan: Option<u32>,
+    /// Verified points in its folder, where they are asked for.
+    points: Option<PathBuf>,
     maker: Maker,
 }
 
@@ -133,6 +135,9 @@ pub fn run(args: &PaperArgs, cancellation: &Cancellation) -> Result<ExitCode> {
     if let Some((_, twice)) = rows.iter().enumerate().find(is_twice) {
         bail!("two rows are called {}: give scenes, and clouds, different names", twice.folder());
     }
+    if let Some(name) = args.points.as_ref().filter(|_| rows.iter().all(|row| row.points.is_none())) {
+        bail!("--points {}: none of the scenes has a file of this name in its folder", name.display());
+    }
     for scene in &args.data {
         check_beside_data(&args.out, scene)?;
     }
@@ -163,7 +168,7 @@ pub fn run(args: &PaperArgs, cancellation: &Cancellation) -> Result<ExitCode> {
     let rows: Vec<(Row, RecordKey)> = rows
         .into_iter()
         .map(|row| {
-            let key = row.key(&contents[row.scene.as_path()])?;
+            let key = row.key(args, &contents[row.scene.as_path()])?;
             Ok((row, key))
         })
         .collect::<Result<_>>()?;
@@ -224,7 +229,9 @@ fn rows_of(args: &PaperArgs, scene: &Path) -> Result<Vec<Row>> {
             bail!("{}: there is no such file (--cloud, for {})", file.display(), scene.display());
         }
     }
-    let row = |maker| Row { scene: scene.to_owned(), title: title.clone(), scan, maker };
+    let folder = if scene.is_file() { scene.parent().unwrap_or(Path::new("")) } else { scene };
+    let points = args.points.as_ref().map(|name| folder.join(name)).filter(|file| file.is_file());
+    let row = |maker| Row { scene: scene.to_owned(), title: title.clone(), scan, points: points.clone(), maker };
     Ok(all.into_iter().map(row).collect())
 }
 
@@ -256,12 +263,14 @@ impl Row {
     }
 
     /// What the row is made of.
-    fn key(&self, contents: &Contents) -> Result<RecordKey> {
+    fn key(&self, args: &PaperArgs, contents: &Contents) -> Result<RecordKey> {
         let cloud = match &self.maker {
             Maker::Cloud { file, .. } => Some(Digest::of_file(file)?),
             Maker::Method(_) | Maker::OwnPoints { .. } => None,
         };
-        let settings = json!({"row": self.maker.name(), "cloud": cloud, "scan": contents.scan});
+        // The scene's digest has the points themselves.
+        let points = self.points.as_ref().and(args.points.as_ref());
+        let settings = json!({"row": self.maker.name(), "cloud": cloud, "scan": contents.scan, "points": points});
         record_key(contents.scene.clone(), &settings, "cpu")
     }
 
@@ -333,6 +342,9 @@ impl Row {
         if let (Some(reference), Some(scan)) = (&args.reference, self.scan) {
             arguments.extend(["--protocol".into(), "dtu".into(), "--reference".into(), reference.clone().into()]);
             arguments.extend(["--scan".into(), scan.to_string().into()]);
+        }
+        if let Some(points) = &self.points {
+            arguments.extend(["--points".into(), points.clone().into()]);
         }
         caller.call(arguments, hear)?;
         let text = std::fs::read_to_string(&json).with_context(|| json.display().to_string())?;
