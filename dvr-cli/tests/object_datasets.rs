@@ -92,27 +92,22 @@ fn systems_of_other_papers_train_measure_predict_and_export_as_dvr_does() {
     let data = corpus.data();
     let object = corpus.read("data/rings/test.lst").lines().next().unwrap().to_owned();
     let picture = data.join("rings").join(object).join("image/0001.png");
-    let small = [
-        "encoder.image_size=63",
-        "encoder.width=2",
-        "code_dim=8",
-        "objects=4",
-        "validate_objects=2",
-        "validate_every=2",
-    ];
+    let small = ["encoder.image_size=63", "encoder.width=2", "objects=4", "validate_objects=2", "validate_every=2"];
     let small: Vec<&str> = small.iter().flat_map(|setting| ["--set", *setting]).collect();
     for (system, more) in [
-        ("r2n2", "decoder.width=4"),
-        ("psgn", "points=64"),
-        ("atlasnet", "points=64"),
-        ("pixel2mesh", "encoder.channels=4"),
-        ("drc", "rays=16"),
-        ("softras", "views=1"),
+        ("r2n2", ["decoder.width=4", "code_dim=8"]),
+        ("psgn", ["points=64", "code_dim=8"]),
+        ("atlasnet", ["points=64", "code_dim=8"]),
+        ("pixel2mesh", ["encoder.channels=4", "points=64"]),
+        ("drc", ["rays=16", "code_dim=8"]),
+        ("softras", ["views=1", "code_dim=8"]),
     ] {
         let run = corpus.path(system);
         let train =
             |steps: &str, more: &[&str]| dvr(&[&["train", "--out", text(&run), "--steps", steps], more].concat());
-        let method = [&[text(&data), "--method", system, "--set", more][..], &small].concat();
+        let more = more.iter().flat_map(|setting| ["--set", *setting]);
+        let method: Vec<&str> =
+            [text(&data), "--method", system].into_iter().chain(more).chain(small.iter().copied()).collect();
         let said = succeeds(&train("3", &method));
         assert!(said.contains("6 objects"), "{system}: {said}");
         succeeds(&train("4", &["--resume"]));
@@ -142,6 +137,31 @@ fn systems_of_other_papers_train_measure_predict_and_export_as_dvr_does() {
         refuses(&dvr(&["mesh", text(&run)]), &["dvr predict"]);
     }
     refuses(&corpus.train("x", &["--method", "psgn", "--supervision", "depth"]), &["psgn", "occupancy", "depth"]);
+}
+
+#[test]
+fn the_local_encoder_sees_views_in_training_and_guesses_the_camera_of_other_pictures() {
+    let corpus = Corpus::new();
+    let train = |more: &[&str]| {
+        let small = ["encoder.width=2", "encoder.channels=4", "objects=4", "rays=32", "validate_objects=2"];
+        let small = small.into_iter().chain(["model.hidden=16", "model.code_dim=8"]);
+        let small: Vec<&str> = small.flat_map(|setting| ["--set", setting]).collect();
+        let (data, run) = (corpus.data(), corpus.path("local"));
+        dvr(&[&["train", text(&data), "--out", text(&run), "--steps", "4"], &small[..], more].concat())
+    };
+    succeeds(&train(&["--encoder", "local"]));
+    assert!(corpus.read("local/config.json").contains("\"channels\": 4"));
+    let run = corpus.path("local");
+    let table = succeeds(&dvr(&["eval", text(&run), "--resolution", "16", "--object-views", "1"]));
+    assert!(table.contains("Chamfer-L1 (x10)"), "{table}");
+    let object = corpus.read("data/rings/test.lst").lines().next().unwrap().to_owned();
+    let picture = corpus.data().join("rings").join(object).join("image/0001.png");
+    let out = corpus.path("local_meshes");
+    succeeds(&dvr(&["predict", text(&run), text(&picture), "--out", text(&out), "--resolution", "16"]));
+    assert!(out.join("0001.glb").is_file());
+    refuses(&train(&["--overwrite", "--encoder", "local", "--inputs", text(&corpus.data())]), &["--inputs", "local"]);
+    refuses(&train(&["--overwrite", "--encoder", "vgg"]), &["vgg", "resnet18"]);
+    assert!(run.join("last.ckpt").is_file(), "what was there is kept");
 }
 
 #[test]

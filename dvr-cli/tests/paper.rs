@@ -108,8 +108,10 @@ fn a_table_of_scans_has_rows_of_methods_and_of_points() {
 
     refuses(&rows("hull,truth-6"), &["truth-6", "truth-7", "stereo-poisson-5"]);
     refuses(&dvr(&[&args[..], &["--points", "none.npz"]].concat()), &["--points none.npz", "none of the scenes"]);
-    let lost = ["--cloud", "lost=/nowhere/{scan}.ply"];
+    let lost = ["--cloud", "lost=/nowhere/{scene}.ply"];
     refuses(&dvr(&[&args[..7], &lost].concat()), &["/nowhere/", ".ply", "no such file"]);
+    let unnumbered = ["--cloud", "lost=/nowhere/{scan}.ply"];
+    refuses(&dvr(&[&args[..7], &unnumbered].concat()), &["{scan}", "no number behind `scan`"]);
     refuses(&dvr(&[&args[..7], &["--cloud", "a b"]].concat()), &["NAME=FILE"]);
     refuses(&dvr(&[&args[..], &["--seeds", "2"]].concat()), &["one seed", "dvr bench"]);
     refuses(&dvr(&[&args[..], &["--steps", "2"]].concat()), &["--steps", "shapenet"]);
