@@ -83,9 +83,9 @@ impl ShapeModel {
         self.encoder.forward(images, objects)
     }
 
-    /// The meshes of the stages of a [`GraphDecoder`], and how far the cameras that the encoder guesses are from those
-    /// that are known, `[1]`. `cameras` are those of the images, in object space; without them, they are guessed. `None` where
-    /// the model has none of these.
+    /// The meshes of the stages of a [`GraphDecoder`](super::GraphDecoder), and how far the cameras that the encoder guesses are
+    /// from those that are known, `[1]`. `cameras` are those of the images, in object space; without them, they are guessed.
+    /// `None` where the model has none of these.
     pub fn deformed(
         &self,
         images: Tensor<4>,
