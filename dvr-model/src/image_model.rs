@@ -121,7 +121,7 @@ impl ImageModel {
 
     /// The field of a batch of objects; see [`Encoder::forward`].
     ///
-    /// `cameras` are those of the images, in object space; without them, encoders that need them guess them.
+    /// `cameras` are those of the images, one each, in object space; without them, encoders that need them guess them.
     pub fn see(&self, images: Tensor<4>, objects: Tensor<1, Int>, cameras: Option<&[Camera]>) -> Seen {
         let (Encoder::Local(local), Some(layer)) = (&self.encoder, &self.aligned) else {
             return Seen { field: self.field(self.codes(images, objects)), camera_error: None };

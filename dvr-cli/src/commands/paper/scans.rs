@@ -264,10 +264,7 @@ impl Row {
 
     /// What the row is made of.
     fn key(&self, args: &PaperArgs, contents: &Contents) -> Result<RecordKey> {
-        let cloud = match &self.maker {
-            Maker::Cloud { file, .. } => Some(Digest::of_file(file)?),
-            Maker::Method(_) | Maker::OwnPoints { .. } => None,
-        };
+        let cloud = self.cloud()?;
         // The scene's digest has the points themselves.
         let points = self.points.as_ref().and(args.points.as_ref());
         let settings = json!({"row": self.maker.name(), "cloud": cloud, "scan": contents.scan, "points": points});
@@ -275,9 +272,17 @@ impl Row {
     }
 
     /// The key of the surface alone, whatever it is judged by.
-    fn surface_key(key: &RecordKey, maker: &Maker, contents_of_cloud: Option<Digest>) -> RecordKey {
-        let settings = Digest::of_json(&json!({"surface": maker.name(), "cloud": contents_of_cloud}));
-        RecordKey { settings, ..key.clone() }
+    fn surface_key(&self, key: &RecordKey) -> Result<RecordKey> {
+        let settings = Digest::of_json(&json!({"surface": self.maker.name(), "cloud": self.cloud()?}));
+        Ok(RecordKey { settings, ..key.clone() })
+    }
+
+    /// The contents of another program's points.
+    fn cloud(&self) -> Result<Option<Digest>> {
+        match &self.maker {
+            Maker::Cloud { file, .. } => Ok(Some(Digest::of_file(file)?)),
+            Maker::Method(_) | Maker::OwnPoints { .. } => Ok(None),
+        }
     }
 
     fn record(&self, args: &PaperArgs, what: &str) -> PathBuf {
@@ -294,12 +299,11 @@ impl Row {
     ) -> Result<(PathBuf, f64)> {
         let runs = args.out.join("runs");
         std::fs::create_dir_all(&runs).with_context(|| runs.display().to_string())?;
-        let (subject, cloud) = match &self.maker {
-            Maker::Method(_) => (runs.join(self.folder()), None),
-            Maker::OwnPoints { .. } => (runs.join(format!("{}.ply", self.folder())), None),
-            Maker::Cloud { file, .. } => (runs.join(format!("{}.ply", self.folder())), Some(Digest::of_file(file)?)),
+        let subject = match &self.maker {
+            Maker::Method(_) => runs.join(self.folder()),
+            Maker::OwnPoints { .. } | Maker::Cloud { .. } => runs.join(format!("{}.ply", self.folder())),
         };
-        let (record, key) = (self.record(args, "surface"), Self::surface_key(key, &self.maker, cloud));
+        let (record, key) = (self.record(args, "surface"), self.surface_key(key)?);
         if let Kept::Row(seconds) = kept::<f64>(&record, &key)?
             && subject.exists()
         {
