@@ -4,7 +4,8 @@
 //! holds to a hundredth; on a photograph of something shiny, or of changing exposure, it is off by a tenth and more, and
 //! such terms dent the surface until it explains highlights. So the difference of colour between views is measured on
 //! the surface itself: the share of hits where others agree with the pixel says how far raw colours count. What they
-//! lose goes to the patch NCC, which is blind to exposure, and to smoothness.
+//! lose goes to the patch NCC, which is blind to exposure, and to smoothness. Where still fewer agree, the object shines,
+//! and the patch NCC leaves out its highlights.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -39,6 +40,9 @@ const AGREES: f32 = 0.005;
 /// to .75.
 const SHARES: [f64; 2] = [0.75, 0.9];
 
+/// Share of hits with agreement from which highlights pull as anything else, and up to which they do not pull.
+const SHARES_OF_SHINE: [f64; 2] = [0.55, 0.4];
+
 /// The weight of the patch NCC where raw colours count for nothing, as a factor.
 const PATCH_NCC: f64 = 4.0;
 
@@ -48,15 +52,37 @@ const PATCH_SCALE: f64 = 0.1;
 /// The same for smoothness.
 const SMOOTHNESS: f64 = 3.0;
 
-/// How far raw colours count, in `[0, 1]`: by the pixels that come after `rays_drawn`. In full where there is little to
-/// compare.
-pub(crate) fn color_trust(
+/// The share of hits where other views agree with the colour of a pixel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Agreement(pub f64);
+
+impl Agreement {
+    /// Nothing speaks against raw colours.
+    pub const FULL: Self = Self(1.0);
+
+    /// How far raw colours count, in `[0, 1]`.
+    pub fn trust(self) -> f64 {
+        self.between(SHARES)
+    }
+
+    /// How far patches lose their pull where they are highlights, in `[0, 1]`.
+    pub fn shine(self) -> f64 {
+        self.between(SHARES_OF_SHINE)
+    }
+
+    fn between(self, [from, to]: [f64; 2]) -> f64 {
+        ((self.0 - from) / (to - from)).clamp(0.0, 1.0)
+    }
+}
+
+/// How far views agree: by the pixels that come after `rays_drawn`. In full where there is little to compare.
+pub(crate) fn agreement(
     grids: &Grids,
     views: &[TrainingView],
     order: &PixelOrder,
     config: &GridConfig,
     rays_drawn: u64,
-) -> f64 {
+) -> Agreement {
     let occupancy = BrickOccupancy::new(grids.shape.values());
     let surface = Surface::of(grids.shape.values(), &occupancy);
     let ask = |count: u64| {
@@ -69,11 +95,10 @@ pub(crate) fn color_trust(
     };
     let found: Vec<f32> = (0..PIXELS).into_par_iter().filter_map(ask).collect();
     if found.len() < FEWEST {
-        return 1.0;
+        return Agreement::FULL;
     }
     let agreeing = found.iter().filter(|&&difference| difference < AGREES).count();
-    let share = agreeing as f64 / found.len() as f64;
-    ((share - SHARES[0]) / (SHARES[1] - SHARES[0])).clamp(0.0, 1.0)
+    Agreement(agreeing as f64 / found.len() as f64)
 }
 
 /// How far other views differ in colour from a pixel at its hit, summed over the channels: their mean. Compared are
@@ -95,8 +120,9 @@ fn color_difference<'a>(
 }
 
 impl GridLosses {
-    /// The weights where raw colours count as far as `trust` says, in `[0, 1]`.
-    pub(crate) fn trusting_colors(&self, trust: f64) -> Self {
+    /// The weights where views agree as far as this.
+    pub(crate) fn trusting_colors(&self, agreement: Agreement) -> Self {
+        let trust = agreement.trust();
         let doubt = 1.0 - trust;
         let mut losses = self.clone();
         // What a colour no longer says of the surface, it still says of the colour.
@@ -105,6 +131,7 @@ impl GridLosses {
         losses.photo_consistency.weight *= trust;
         losses.patch_ncc.weight *= 1.0 + doubt * (PATCH_NCC - 1.0);
         losses.patch_ncc.scale *= 1.0 + doubt * (PATCH_SCALE - 1.0);
+        losses.patch_ncc.highlights = losses.patch_ncc.highlights.max(agreement.shine());
         losses.smoothness.weight *= 1.0 + doubt * (SMOOTHNESS - 1.0);
         losses
     }
@@ -122,7 +149,7 @@ mod tests {
         // Speckles on a ball that is a little too small.
         let mut fixture = Fixture::speckled_ball(0.29, GridLosses::default());
         let trust = |fixture: &Fixture| {
-            color_trust(&fixture.grids, &fixture.views, &fixture.order, &fixture.config, fixture.rays_drawn)
+            agreement(&fixture.grids, &fixture.views, &fixture.order, &fixture.config, fixture.rays_drawn).trust()
         };
         let constant = trust(&fixture);
         assert!(constant > 0.9, "{constant}");
@@ -134,11 +161,26 @@ mod tests {
     #[test]
     fn what_colours_lose_goes_to_patches_and_smoothness_and_the_colour_is_still_learned() {
         let losses = GridLosses::default();
-        assert_eq!(losses.trusting_colors(1.0), losses);
-        let doubted = losses.trusting_colors(0.0);
+        assert_eq!(losses.trusting_colors(Agreement::FULL), losses);
+        let doubted = losses.trusting_colors(Agreement(0.0));
         assert_eq!((doubted.color.weight, doubted.photo_consistency.weight), (0.0, 0.0));
         assert_eq!(doubted.detached_color.weight, losses.color.weight);
         assert!(doubted.patch_ncc.weight > losses.patch_ncc.weight);
         assert!(doubted.smoothness.weight > losses.smoothness.weight);
+        assert_eq!(doubted.patch_ncc.highlights, 1.0);
+    }
+
+    #[test]
+    fn highlights_pull_until_still_fewer_agree_than_raw_colours_need() {
+        let losses = GridLosses::default();
+        for (share, highlights) in [(0.75, 0.0), (0.55, 0.0), (0.475, 0.5), (0.4, 1.0), (0.2, 1.0)] {
+            let found = losses.trusting_colors(Agreement(share));
+            assert_eq!(found.color.weight, 0.0);
+            assert!((found.patch_ncc.highlights - highlights).abs() < 1e-9, "{found:?}");
+        }
+        // Whoever asks for it has it everywhere.
+        let mut asked = GridLosses::default();
+        asked.patch_ncc.highlights = 0.7;
+        assert_eq!(asked.trusting_colors(Agreement::FULL).patch_ncc.highlights, 0.7);
     }
 }

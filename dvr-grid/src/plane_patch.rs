@@ -39,6 +39,7 @@ pub(crate) struct PlanePatch {
 #[derive(Clone, Copy, Debug)]
 struct Centered {
     values: Lanes,
+    mean: f32,
     variance: f32,
 }
 
@@ -49,6 +50,8 @@ pub(crate) struct Likeness {
     pub correlation: f32,
     /// Its derivative by the ray depth of the plane.
     pub derivative: f32,
+    /// How bright the other view shows the patch, in the mean.
+    pub seen: f32,
 }
 
 impl PlanePatch {
@@ -79,6 +82,11 @@ impl PlanePatch {
         normal: Vec3,
     ) -> Option<Self> {
         Arch::new().dispatch(OnPlane { view, pixel, stride, origin, point, normal })
+    }
+
+    /// How bright it is in the mean.
+    pub fn mean(&self) -> f32 {
+        self.brightness.mean
     }
 
     /// Compares with what another view shows at the same points; `None` where it does not show all of them.
@@ -150,7 +158,7 @@ impl NullaryFnOnce for Compare<'_> {
         // With centred values, derivatives need not be centred: their mean falls out of the sums.
         let derivative = mean_product(&brightness.values, &moves) / scale
             - correlation * mean_product(&seen.values, &moves) / (seen.variance + NOISE);
-        Some(Likeness { correlation, derivative })
+        Some(Likeness { correlation, derivative, seen: seen.mean })
     }
 }
 
@@ -165,7 +173,7 @@ impl Centered {
             values[i] -= mean;
         }
         values[SAMPLES..].fill(0.0);
-        Self { variance: mean_product(&values, &values), values }
+        Self { variance: mean_product(&values, &values), values, mean }
     }
 }
 

@@ -27,8 +27,10 @@ pub(crate) struct Progress {
     pub has_kept: bool,
     pub finished: bool,
     pub rays_drawn: u64,
-    /// How far raw colours count, as the bits of a number.
-    pub color_trust: u64,
+    /// How far views agree on raw colours, as the bits of a number. Earlier builds kept how far these count, which is
+    /// measured anew within fifty steps.
+    #[serde(alias = "color_trust")]
+    pub agreement: u64,
     /// The exposure of each training view; empty where all are as they are.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub exposures: Vec<Exposure>,

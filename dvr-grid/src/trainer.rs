@@ -10,7 +10,7 @@ use dvr_render::{SlopeRule, ViewMetrics, is_gpu, view_metrics, view_metrics_at_o
 use rayon::prelude::*;
 
 use crate::clock::PartTimes;
-use crate::color_trust::{self, color_trust};
+use crate::color_trust::{self, Agreement, agreement};
 use crate::config::{ColorTrust, DisagreeingViews, ExposureCorrection, GridConfig};
 use crate::error::{Error, Result};
 use crate::exposure;
@@ -37,8 +37,8 @@ pub struct GridTrainer<'a> {
     config: GridConfig,
     /// The same with the weights of the losses, and the rays, as they are now.
     weighted: GridConfig,
-    /// How far raw colours may shape the surface.
-    color_trust: f64,
+    /// How far views agree on raw colours, by which these may shape the surface.
+    agreement: Agreement,
     validation: Vec<&'a View>,
     validation_ncc: Option<ValidationNcc<'a>>,
     pyramid: PicturePyramid<'a>,
@@ -124,7 +124,7 @@ impl<'a> GridTrainer<'a> {
         Ok(Self {
             validation_ncc: ValidationNcc::new(&validation, judged, pyramid.views(judged)),
             weighted: GridConfig { rays: config.rays_of(photographs.order.len()), ..config.clone() },
-            color_trust: 1.0,
+            agreement: Agreement::FULL,
             config,
             validation,
             pyramid,
@@ -233,8 +233,8 @@ impl<'a> GridTrainer<'a> {
         {
             let grids = self.backend.grids()?;
             let PyramidLevel { views, order, .. } = &self.photographs;
-            let trust = color_trust(&grids, views, order, &self.config, self.rays_drawn);
-            self.trust_colors(trust);
+            let agreement = agreement(&grids, views, order, &self.config, self.rays_drawn);
+            self.trust_colors(agreement);
         }
         let (decay, warm_up) = (self.decay(), self.warm_up());
         let input = StepInput {
@@ -257,10 +257,10 @@ impl<'a> GridTrainer<'a> {
         Ok(StepReport::new(self.step, &self.weighted, &sums, self.config.shape_rate * decay * warm_up))
     }
 
-    /// Lets raw colours shape the surface this far.
-    fn trust_colors(&mut self, trust: f64) {
-        self.color_trust = trust;
-        let (rays, losses) = (self.weighted.rays, self.config.losses.trusting_colors(trust));
+    /// Lets raw colours shape the surface as far as views agree on them.
+    fn trust_colors(&mut self, agreement: Agreement) {
+        self.agreement = agreement;
+        let (rays, losses) = (self.weighted.rays, self.config.losses.trusting_colors(agreement));
         self.weighted = GridConfig { rays, losses, ..self.config.clone() };
     }
 

@@ -6,6 +6,11 @@
 //! 2024, with the plane's homography written as points on the plane). It is blind to exposure, and to what has no
 //! texture. The gradient takes the plane's normal for fixed: the patch moves along the
 //! pixel's ray, parallel to itself.
+//!
+//! A highlight is the mirror image of a light. It lies behind a convex surface, is alike in neighbouring views, and so
+//! pulls a dent into what shines. It is brighter than the same place in the other view, and than the colour that all views
+//! together gave the place: of a patch that is brighter than both by `b`, `highlights / (1 + (WIDTH / b)^2)` of its pull is
+//! taken away. The value is not: it is that of all patches alike.
 
 use std::ops::RangeInclusive;
 
@@ -17,6 +22,9 @@ use crate::views::TrainingView;
 
 /// Most pixels between the samples of a patch.
 const MAX_STRIDE: f64 = 64.0;
+
+/// How much brighter a patch is that has lost half of its pull, where `highlights` is 1.
+const HIGHLIGHT_WIDTH: f32 = 0.05;
 
 /// One less the normalised cross-correlation of a patch around the pixel with its projection, by the plane of the
 /// surface, to other views. Blind to exposure and to what has no texture.
@@ -32,11 +40,14 @@ pub struct PatchNccLoss {
     pub scale: f64,
     /// Pixels between the samples of a patch of 5x5.
     pub stride: u32,
+    /// How far patches lose their pull that are brighter than in the other view, and than the colour of the surface: 0
+    /// not at all, 1 as far as they are highlights.
+    pub highlights: f64,
 }
 
 impl Default for PatchNccLoss {
     fn default() -> Self {
-        Self { weight: 1.0, min_correlation: 0.3, scale: 3.0, stride: 1 }
+        Self { weight: 1.0, min_correlation: 0.3, scale: 3.0, stride: 1, highlights: 0.0 }
     }
 }
 
@@ -50,12 +61,13 @@ impl LossTerm for PatchNccLoss {
             ("min_correlation", self.min_correlation, -1.0..=1.0),
             ("scale", self.scale, 1e-6..=f64::MAX),
             ("stride", f64::from(self.stride), 1.0..=MAX_STRIDE),
+            ("highlights", self.highlights, 0.0..=1.0),
         ]
     }
 
     #[cfg(test)]
     fn for_tests() -> Self {
-        Self { weight: 1.0, min_correlation: -1.0, scale: 0.3, stride: 1 }
+        Self { weight: 1.0, min_correlation: -1.0, scale: 0.3, stride: 1, highlights: 0.0 }
     }
 
     /// The surface turns a little as the point moves on it; the gradient takes its plane for fixed.
@@ -72,11 +84,13 @@ impl CrossViewTerm for PatchNccLoss {
         PlanePatch::on_plane(own, hit.pixel.pixel, self.stride, hit.origin, hit.point, hit.inward)
     }
 
-    fn compare(&self, patch: &PlanePatch, _hit: &SurfaceHit, other: &Comparison, grad_depth: &mut f32) -> f64 {
+    fn compare(&self, patch: &PlanePatch, hit: &SurfaceHit, other: &Comparison, grad_depth: &mut f32) -> f64 {
         match patch.compare(other.view) {
             Some(found) if found.correlation > self.min_correlation as f32 => {
                 let (value, slope) = robust(1.0 - found.correlation, self.scale as f32);
-                *grad_depth -= self.weight as f32 * slope * found.derivative;
+                let usual = hit.color.color.element_sum() / 3.0;
+                let kept = kept_pull(patch.mean(), found.seen, usual, self.highlights as f32);
+                *grad_depth -= self.weight as f32 * kept * slope * found.derivative;
                 f64::from(value)
             }
             _ => 0.0,
@@ -90,6 +104,13 @@ fn robust(error: f32, scale: f32) -> (f32, f32) {
     (error * damping, damping * damping)
 }
 
+/// The share of its pull that a patch keeps, by how bright it is in its own view, in the other, and usually.
+fn kept_pull(own: f32, seen: f32, usual: f32, highlights: f32) -> f32 {
+    // One of the two views shows a highlight at most: the brighter one.
+    let brighter = ((own - seen).abs()).min(own.max(seen) - usual).max(0.0) / HIGHLIGHT_WIDTH;
+    1.0 - highlights * (1.0 - 1.0 / (1.0 + brighter * brighter))
+}
+
 /// The same inside kernels.
 #[cfg(feature = "gpu")]
 pub(crate) mod gpu {
@@ -98,7 +119,7 @@ pub(crate) mod gpu {
     use cubecl::prelude::*;
 
     use super::super::term::gpu::{PixelRay, SurfaceHit};
-    use super::PatchNccLoss;
+    use super::{HIGHLIGHT_WIDTH, PatchNccLoss};
     use crate::gpu::views::{Photo, Seen, is_object};
     use crate::gpu::voxel::Point;
     use crate::plane_patch::{MAX_STRETCH, NOISE, REACH, SAMPLES, SIDE};
@@ -109,6 +130,7 @@ pub(crate) mod gpu {
         pub min_correlation: f32,
         pub scale: f32,
         pub stride: u32,
+        pub highlights: f32,
     }
 
     impl PatchNccLoss {
@@ -118,6 +140,7 @@ pub(crate) mod gpu {
                 min_correlation: self.min_correlation as f32,
                 scale: self.scale as f32,
                 stride: self.stride,
+                highlights: self.highlights as f32,
             }
         }
     }
@@ -134,7 +157,10 @@ pub(crate) mod gpu {
         slope: f32,
         /// Less their mean.
         brightness: Array<f32>,
+        mean: f32,
         variance: f32,
+        /// Brightness of the surface's colour.
+        usual: f32,
     }
 
     #[cube]
@@ -165,8 +191,10 @@ pub(crate) mod gpu {
             let is_near = stretch < MAX_STRETCH && stretch * MAX_STRETCH > 1.0f32;
             is_whole = is_whole && within && is_object(shown) && is_near;
         }
-        let variance = center(&mut brightness);
-        Prepared { is_whole, normal: normal.copied(), height, slope, brightness, variance }
+        let mean = center(&mut brightness);
+        let variance = variance(&brightness);
+        let usual = hit.color.sum() / 3.0f32;
+        Prepared { is_whole, normal: normal.copied(), height, slope, brightness, mean, variance, usual }
     }
 
     #[cube]
@@ -198,7 +226,8 @@ pub(crate) mod gpu {
         }
         let mut value = 0.0f32;
         if is_seen {
-            let variance = center(&mut seen);
+            let mean = center(&mut seen);
+            let variance = variance(&seen);
             let mut likeness = 0.0f32;
             let mut own_moves = 0.0f32;
             let mut seen_moves = 0.0f32;
@@ -214,14 +243,21 @@ pub(crate) mod gpu {
                 let derivative =
                     own_moves / samples / scale - correlation * (seen_moves / samples) / (variance + NOISE);
                 let damping = 1.0f32 / (1.0f32 + (1.0f32 - correlation) / weights.scale);
-                grad_depth.store(grad_depth.read() - weights.weight * damping * damping * derivative);
+                let kept = kept_pull(patch.mean, mean, patch.usual, weights.highlights);
+                grad_depth.store(grad_depth.read() - weights.weight * kept * damping * damping * derivative);
                 value = (1.0f32 - correlation) * damping;
             }
         }
         value
     }
 
-    /// Subtracts the mean; returns the variance.
+    #[cube]
+    fn kept_pull(own: f32, seen: f32, usual: f32, highlights: f32) -> f32 {
+        let brighter = (own - seen).abs().min(own.max(seen) - usual).max(0.0f32) / HIGHLIGHT_WIDTH;
+        1.0f32 - highlights * (1.0f32 - 1.0f32 / (1.0f32 + brighter * brighter))
+    }
+
+    /// Subtracts the mean and returns it.
     #[cube]
     fn center(values: &mut Array<f32>) -> f32 {
         let samples = comptime!(SAMPLES as f32);
@@ -230,13 +266,20 @@ pub(crate) mod gpu {
             sum += values[i];
         }
         let mean = sum / samples;
+        for i in 0..SAMPLES {
+            values[i] -= mean;
+        }
+        mean
+    }
+
+    /// Of values whose mean is zero.
+    #[cube]
+    fn variance(values: &Array<f32>) -> f32 {
         let mut squares = 0.0f32;
         for i in 0..SAMPLES {
-            let value = values[i] - mean;
-            values[i] = value;
-            squares += value * value;
+            squares += values[i] * values[i];
         }
-        squares / samples
+        squares / comptime!(SAMPLES as f32)
     }
 }
 
@@ -263,6 +306,23 @@ mod tests {
     }
 
     #[test]
+    fn the_brighter_of_two_patches_is_a_highlight_where_the_surface_is_darker_too() {
+        // As far as it is brighter than the other view.
+        for (brighter, kept) in [(0.0, 1.0), (HIGHLIGHT_WIDTH, 0.5), (3.0 * HIGHLIGHT_WIDTH, 0.1)] {
+            for (own, seen) in [(0.4, 0.4 + brighter), (0.4 + brighter, 0.4)] {
+                let found = kept_pull(own, seen, 0.3, 1.0);
+                assert!((found - kept).abs() < 1e-5, "{found}, not {kept}");
+                let half = kept_pull(own, seen, 0.3, 0.5);
+                assert!((half - 0.5 - 0.5 * kept).abs() < 1e-5, "{half}");
+                assert_eq!(kept_pull(own, seen, 0.3, 0.0), 1.0);
+            }
+        }
+        // A surface as bright as the brighter view: the other shows a shadow, or is wrong.
+        assert_eq!(kept_pull(0.8, 0.4, 0.8, 1.0), 1.0);
+        assert_eq!(kept_pull(0.8, 0.4, 0.9, 1.0), 1.0);
+    }
+
+    #[test]
     fn patches_that_are_too_unlike_say_nothing_and_others_pull_by_their_weight() {
         let fixture = Fixture::speckled_ball(0.3, GridLosses::default());
         let (own, other) = (&fixture.views[0], &fixture.views[1]);
@@ -279,7 +339,7 @@ mod tests {
         let found = patch.compare(other).unwrap();
         let seen = other.reproject(hit.point, pixel.direction).unwrap();
         let pulled = |min_correlation: f64| {
-            let loss = PatchNccLoss { weight: 3.0, min_correlation, scale: 0.3, stride: 1 };
+            let loss = PatchNccLoss { weight: 3.0, min_correlation, scale: 0.3, stride: 1, highlights: 0.0 };
             let mut gradient = 5.0;
             let value = loss.compare(&patch, &hit, &Comparison { view: other, seen }, &mut gradient);
             (value, gradient - 5.0)

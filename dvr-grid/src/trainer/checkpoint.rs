@@ -1,6 +1,7 @@
 //! What a trainer needs to go on later, and how it goes on from that.
 
 use super::GridTrainer;
+use crate::color_trust::Agreement;
 use crate::error::Result;
 use crate::report::TrainerState;
 use crate::state;
@@ -21,7 +22,7 @@ impl GridTrainer<'_> {
             has_kept: kept.is_some(),
             finished: self.finished,
             rays_drawn: self.rays_drawn,
-            color_trust: self.color_trust.to_bits(),
+            agreement: self.agreement.0.to_bits(),
             exposures: self.exposures.clone(),
         };
         let training = state::to_bytes(&progress, &grids, kept)?;
@@ -69,7 +70,7 @@ impl GridTrainer<'_> {
             state::restore(&state.training, state::KEPT, kept)?;
         }
         (self.pass_start, self.further) = (progress.pass_start, progress.further);
-        self.trust_colors(f64::from_bits(progress.color_trust));
+        self.trust_colors(Agreement(f64::from_bits(progress.agreement)));
         self.look_at(grids.cells())?;
         self.expose(progress.exposures)?;
         self.growth.resume(progress.reached, kept);

@@ -18,7 +18,7 @@ impl GridTrainer<'_> {
     /// Begins a further pass at the present size, or finishes. Where raw colours count in full there is none: they pull
     /// from afar, and are done after a stage; patches are alike within a pixel or two alone, and take longer.
     pub(super) fn go_on(&mut self) -> Result<()> {
-        let is_judged = self.validation_ncc.is_some() && self.color_trust < 1.0;
+        let is_judged = self.validation_ncc.is_some() && self.agreement.trust() < 1.0;
         if self.further == self.config.further_passes || !is_judged {
             self.finished = true;
             return Ok(());

@@ -134,7 +134,7 @@ fn colours_that_count_in_full_need_no_further_pass() {
     while trainer.steps_done() < trainer.total_steps() {
         trainer.step().unwrap();
     }
-    assert_eq!((trainer.color_trust, trainer.steps_done()), (1.0, 20));
+    assert_eq!((trainer.agreement.trust(), trainer.steps_done()), (1.0, 20));
 }
 
 #[test]
@@ -197,7 +197,7 @@ fn trust(gain: impl Fn(usize) -> f32, exposure: ExposureCorrection) -> (f64, Vec
     let config = GridConfig { steps: 151, exposure, ..GridConfig::default() };
     let mut trainer = GridTrainer::new(scene.views.iter().collect(), Vec::new(), config).unwrap();
     (0..151).for_each(|_| drop(trainer.step().unwrap()));
-    (trainer.color_trust, trainer.exposures)
+    (trainer.agreement.trust(), trainer.exposures)
 }
 
 #[test]

@@ -188,7 +188,8 @@ fn compare_records(ours: &[RayRecord], truth: &[RayRecord]) -> usize {
     unlike
 }
 
-/// A step says and moves the same as on the CPU: on a smooth surface and a noisy one, by both slope rules.
+/// A step says and moves the same as on the CPU: on a smooth surface and a noisy one, by both slope rules, and where
+/// light changes and patches that are brighter than others lose their pull.
 fn a_step_is_that_of_the_cpu(make: Make) {
     let cases = [
         (0.0, SlopeRule::default(), false),
@@ -201,6 +202,7 @@ fn a_step_is_that_of_the_cpu(make: Make) {
         let as_given = fixture.views.clone();
         if is_exposed {
             fixture.expose();
+            fixture.config.losses.patch_ncc.highlights = 1.0;
         }
         // Away from the start, where much is zero.
         let mut reference = CpuBackend::new(fixture.grids.clone());
@@ -214,6 +216,13 @@ fn a_step_is_that_of_the_cpu(make: Make) {
         fixture.views = exposed;
         assert!(state(&backend.grids().unwrap()) == state(&fixture.grids), "what is uploaded is there");
 
+        if is_exposed {
+            let pulls = |records: Vec<RayRecord>| records.iter().map(|record| record.grad_value).collect::<Vec<_>>();
+            let without_highlights = pulls(reference.records(&fixture));
+            fixture.config.losses.patch_ncc.highlights = 0.0;
+            assert!(pulls(reference.records(&fixture)) != without_highlights, "there are highlights");
+            fixture.config.losses.patch_ncc.highlights = 1.0;
+        }
         let unlike =
             compare_records(&make(&fixture, fixture.grids.clone()).records(&fixture), &reference.records(&fixture));
         assert!(unlike <= fixture.config.rays / 100, "{unlike} rays");
