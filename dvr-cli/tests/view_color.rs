@@ -28,13 +28,23 @@ fn shining(copy: &Path) {
     }
 }
 
+/// Settings of a field whose colours are as fine as its cells.
+const FINE_COLORS: [&str; 8] =
+    ["--resolution", "32", "--steps", "60", "--set", "first_cells=16", "--set", "color_coarseness=1"];
+
+/// Trains on a shining scene; returns what is said.
+fn trained(scene: &Path, run: &Path, more: &[&str]) -> String {
+    let train = ["train", text(scene), "--out", text(run), "--capacity", "32", "--no-report"];
+    let plain = ["--set", "exposure=off", "--set", "plane_sweep_pixels=0"];
+    succeeds(&dvr(&[&train[..], &plain, more].concat()))
+}
+
 #[test]
 fn where_nothing_depends_on_the_direction_there_are_none() {
     let tiny = Tiny::new();
     let (scene, run) = (tiny.scene(), tiny.path("run"));
-    let train = ["train", text(&scene), "--out", text(&run), "--resolution", "32", "--capacity", "32"];
-    let coarse = ["--steps", "60", "--set", "first_cells=16", "--set", "color_coarseness=1"];
-    succeeds(&dvr(&[&train[..], &coarse].concat()));
+    let train = ["train", text(&scene), "--out", text(&run), "--capacity", "32", "--texture", "off"];
+    succeeds(&dvr(&[&train[..], &FINE_COLORS].concat()));
     assert!(run.join("scene.dvr").exists() && !run.join("view_color.safetensors").exists());
 }
 
@@ -43,32 +53,16 @@ fn a_run_keeps_them_and_is_rendered_with_them_unless_somebody_does_not_want_it()
     let tiny = Tiny::new();
     let (scene, run) = (tiny.path("mug"), tiny.path("run"));
     shining(&scene);
-    let train = ["train", text(&scene), "--out", text(&run), "--resolution", "32", "--capacity", "32"];
-    let said = succeeds(&dvr(&[
-        &train[..],
-        &[
-            "--steps",
-            "60",
-            "--set",
-            "first_cells=16",
-            "--set",
-            "color_coarseness=1",
-            "--set",
-            "exposure=off",
-            "--set",
-            "plane_sweep_pixels=0",
-            "--texture",
-            "off",
-            "--no-report",
-        ],
-    ]
-    .concat()));
-    assert!(said.contains("field with view-dependent colour") && said.contains("view_color.safetensors"), "{said}");
+    let said = trained(&scene, &run, &[&FINE_COLORS[..], &["--texture", "off"]].concat());
+    assert!(said.contains("(field with view-dependent colour)") && said.contains("view_color.safetensors"), "{said}");
     let stored = run.join("view_color.safetensors");
     let bytes = std::fs::read(&stored).unwrap();
     let figures: serde_json::Value =
         serde_json::from_str(&std::fs::read_to_string(run.join("metrics.json")).unwrap()).unwrap();
-    assert!(figures["test_view_color"]["psnr"].is_f64(), "{figures}");
+    assert!(
+        figures["test_pictures"]["psnr"].is_f64() && figures["pictures_of"] == "field-with-view-color",
+        "{figures}"
+    );
 
     let (on, off) = (rendered(&tiny, &run, "on", &[]), rendered(&tiny, &run, "off", &["--view-color", "off"]));
     assert!(on != off);
@@ -96,4 +90,38 @@ fn a_run_keeps_them_and_is_rendered_with_them_unless_somebody_does_not_want_it()
         "--no-report",
     ]));
     assert!(std::fs::read(&stored).unwrap() == bytes, "the same for the same field");
+}
+
+#[test]
+fn they_are_those_of_the_mesh_where_its_texture_shows_more_as_long_as_it_is_the_same() {
+    let tiny = Tiny::new();
+    let (scene, run) = (tiny.path("mug"), tiny.path("run"));
+    shining(&scene);
+    let said = trained(&scene, &run, &["--resolution", "64", "--steps", "100", "--texture", "512"]);
+    assert!(said.contains("(mesh with view-dependent colour)"), "{said}");
+    let figures = std::fs::read_to_string(run.join("metrics.json")).unwrap();
+    let figures: serde_json::Value = serde_json::from_str(&figures).unwrap();
+    assert_eq!(figures["pictures_of"], "mesh-with-view-color");
+    let of_mesh = rendered(&tiny, &run, "of_mesh", &[]);
+
+    // The views that are measured are those that are shown: all pixels of them here, a part of them at the end of the run.
+    let json = tiny.path("eval.json");
+    succeeds(&dvr(&["eval", text(&run), "--resolution", "64", "--json", text(&json)]));
+    let report: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(json).unwrap()).unwrap();
+    let of_views: Vec<f64> = report["views"].as_array().unwrap().iter().map(|v| v["psnr"].as_f64().unwrap()).collect();
+    let (mean, kept) = (of_views.iter().sum::<f64>() / of_views.len() as f64, &figures["test_pictures"]["psnr"]);
+    assert!((mean - kept.as_f64().unwrap()).abs() < 0.7, "{mean} and {kept}");
+
+    // Another mesh in its place shows something else: pictures are of the field, and say so.
+    let glb = std::fs::read(run.join("mesh.glb")).unwrap();
+    succeeds(&dvr(&["mesh", text(&run), "--resolution", "16", "--texture", "off"]));
+    let out = tiny.path("of_field");
+    let args = ["render", text(&run), "--out", text(&out), "--frames", "8", "--size", "64", "--animation", "none"];
+    let output = dvr(&args);
+    succeeds(&output);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(said.contains("mesh.glb: this is not the mesh that the run made") && said.contains("--resume"), "{said}");
+    assert!(std::fs::read(out.join("orbit_0000.png")).unwrap() != of_mesh);
+    std::fs::write(run.join("mesh.glb"), glb).unwrap();
+    assert!(rendered(&tiny, &run, "of_mesh_again", &[]) == of_mesh);
 }

@@ -61,13 +61,13 @@ pub use evaluate::{
 };
 pub use export::bake::bake_colors;
 pub use export::mesh::{ColorSource, MeshOptions, ObjectMesh, object_mesh, over_budget, world_mesh};
+pub use export::pictures::{ChosenPictures, PicturesOf, RunPictures};
 pub use export::preview;
 pub use export::real_size::{KnownLength, MeasuredLength, RealSize};
 pub use export::run_metrics::RunMetrics;
 pub use export::run_results::{RunResults, finish};
 pub use export::support::Support;
 pub use export::texture::photo_texture;
-pub use export::view_color::load_view_color;
 pub use export::views::surface_points;
 pub use import::convert::{ImportOptions, ImportedScene, import};
 pub use import::reference_config::ReferenceConfig;

@@ -55,10 +55,11 @@ pub struct RenderArgs {
     /// Also write normals as PNG
     #[arg(long)]
     pub normals: bool,
-    /// Colours that depend on the viewing direction, where the run found any
+    /// Whether a run is shown as it looks nearest to its photographs: its field or its mesh, in colours that depend on the
+    /// viewing direction where these help
     #[arg(long, value_enum, default_value_t = ViewColorChoice::On)]
     pub view_color: ViewColorChoice,
-    /// Samples across the object cube [2 to 8192]
+    /// Samples across the object cube, where the field is rendered [2 to 8192]
     #[arg(long, default_value_t = 128, value_parser = within(2u32, 8192), value_name = "N")]
     pub samples: u32,
     /// The run's scene, if it was moved since training; for a mesh, the scene whose coordinates it has
@@ -70,12 +71,12 @@ pub struct RenderArgs {
     pub memory: MemoryArg,
 }
 
-/// Whether colours of a run depend on the viewing direction.
+/// What of a run is shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum ViewColorChoice {
-    /// As photographs show it
+    /// As it looks nearest to photographs
     On,
-    /// The same colour from everywhere, as the mesh has it
+    /// The field, in the same colour from everywhere
     Off,
 }
 

@@ -23,7 +23,7 @@ use super::points_table::{print_points, score_by_points, settings, verified_poin
 use super::real_size::refuse_metres;
 use super::resumed::refuse_other_reading;
 use super::shape_table::print_shape;
-use super::stored_run::{is_mesh, view_color_of};
+use super::stored_run::{is_mesh, pictures_of};
 use super::{SCENE_RESOLUTION, eval_objects, load_model, load_run, mesh_options, print_notes, scene_of_run};
 use crate::args::EvalArgs;
 use crate::memory;
@@ -185,7 +185,7 @@ fn with_masks<'a>(views: &[&'a View]) -> Result<Vec<&'a View>> {
 
 fn of_run(args: &EvalArgs, subject: &Path, checkpoint: &Checkpoint, cancellation: &Cancellation) -> Result<Report> {
     refuse_other_reading(&args.reading, checkpoint)?;
-    let view_color = view_color_of(subject)?;
+    let pictures = pictures_of(subject)?;
     let scene: Scene = scene_of_run(checkpoint, args.data.as_ref(), args.reading.memory, cancellation)?;
     let device = args.backend.backend.device_for(method_of(&checkpoint.header.method)?.as_ref())?;
     memory::limit(&device, args.reading.memory);
@@ -209,8 +209,8 @@ fn of_run(args: &EvalArgs, subject: &Path, checkpoint: &Checkpoint, cancellation
     let mut views = Vec::new();
     if !args.no_views {
         let shader = model.shader(args.samples as usize);
-        views = match &view_color {
-            Some(found) => rendered(&found.on(shader.as_ref()), &split.test, cancellation)?,
+        views = match &pictures {
+            Some(found) => found.show(shader.as_ref(), |shader| rendered(shader, &split.test, cancellation))?,
             None => rendered(shader.as_ref(), &split.test, cancellation)?,
         };
     }

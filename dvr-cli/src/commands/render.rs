@@ -15,7 +15,7 @@ use glam::DVec3;
 use image::RgbImage;
 
 use super::real_size::refuse_metres;
-use super::stored_run::{is_mesh, view_color_of};
+use super::stored_run::{is_mesh, pictures_of};
 use super::turntable::Turntable;
 use super::{load_model, load_run, print_notes, scene_of_run};
 use crate::args::{Cameras, RenderArgs, UpAxis, ViewColorChoice};
@@ -47,8 +47,8 @@ pub fn run(args: &RenderArgs, cancellation: &Cancellation) -> Result<ExitCode> {
 
 fn of_run(args: &RenderArgs, claim: Claim, turntable: &Turntable, cancellation: &Cancellation) -> Result<()> {
     let checkpoint = load_run(&args.subject)?;
-    let view_color = match args.view_color {
-        ViewColorChoice::On if args.object.is_none() => view_color_of(&args.subject)?,
+    let pictures = match args.view_color {
+        ViewColorChoice::On if args.object.is_none() => pictures_of(&args.subject)?,
         _ => None,
     };
     let device = args.backend.backend.device_for(dvr_train::method_of(&checkpoint.header.method)?.as_ref())?;
@@ -73,8 +73,8 @@ fn of_run(args: &RenderArgs, claim: Claim, turntable: &Turntable, cancellation: 
     memory::check_rendering(cameras.iter().map(|(_, camera)| camera), &device, args.memory.memory)?;
     let shots = Shots { cameras, object_to_world: checkpoint.header.object_to_world };
     let shader = model.shader(args.samples as usize);
-    match &view_color {
-        Some(found) => shots.write(&found.on(shader.as_ref()), args, claim, turntable, cancellation),
+    match &pictures {
+        Some(found) => found.show(shader.as_ref(), |shader| shots.write(shader, args, claim, turntable, cancellation)),
         None => shots.write(shader.as_ref(), args, claim, turntable, cancellation),
     }
 }

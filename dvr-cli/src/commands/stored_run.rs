@@ -7,9 +7,9 @@ use burn::tensor::Device;
 use dvr_core::dataset::Normalise;
 use dvr_core::files::{OutputFolder, check_file};
 use dvr_core::{Cancellation, Exposure, Scene};
-use dvr_render::ViewColor;
-use dvr_train::{Checkpoint, RefinedCameras, RunFolder, TrainedModel, load_object, load_view_color};
+use dvr_train::{Checkpoint, RefinedCameras, RunFolder, RunPictures, TrainedModel, load_object};
 
+use super::print_notes;
 use super::scene_reading::SceneReading;
 
 /// The checkpoint at a path: a run's folder or a checkpoint's file.
@@ -62,13 +62,16 @@ pub fn load_model(checkpoint: &Checkpoint, object: Option<usize>, device: &Devic
     })
 }
 
-/// What the colours of a run change by with the viewing direction. It belongs to the field that stands for the run: a
-/// checkpoint that is named by itself may hold another.
-pub fn view_color_of(run: &Path) -> Result<Option<ViewColor>> {
+/// What pictures of a run show where that is not its field alone. It belongs to the results that stand for the run: a
+/// checkpoint that is named by itself may hold another field.
+pub fn pictures_of(run: &Path) -> Result<Option<RunPictures>> {
     if !run.is_dir() {
         return Ok(None);
     }
-    Ok(load_view_color(&RunFolder::new(run))?)
+    let mut warnings = Vec::new();
+    let found = RunPictures::load(&RunFolder::new(run), &mut warnings)?;
+    print_notes(&warnings);
+    Ok(found)
 }
 
 /// The scene of a run, read as for training, in the same object space, and with the same views for the same purpose. The

@@ -11,8 +11,8 @@ use dvr_core::files::OutputFolder;
 use dvr_core::{Advice, Cancellation, Scene, ViewNames};
 use dvr_report::SourceRun;
 use dvr_train::{
-    Checkpoint, Error, KnownLength, Method, Observer, RunFolder, RunMetrics, RunOptions, Stop, Support, ViewMetrics,
-    finish, train,
+    Checkpoint, Error, KnownLength, Method, Observer, PicturesOf, RunFolder, RunMetrics, RunOptions, Stop, Support,
+    ViewMetrics, finish, train,
 };
 
 use super::cameras::{photographs_without_cameras, scene_of_photographs};
@@ -342,10 +342,12 @@ fn report(metrics: &RunMetrics, folder: &RunFolder, cpu_seconds: f64) {
     if metrics.model_step != metrics.steps {
         println!("the model of step {} stands for the run: its validation is the best", metrics.model_step);
     }
+    let chosen = metrics.pictures_of.unwrap_or(PicturesOf::Field);
+    let pictures = format!("test views, as `dvr render` shows them ({chosen})");
     let figures = [
         ("test views, field", &metrics.test),
-        ("test views, field with view-dependent colour", &metrics.test_view_color),
         ("test views, mesh ", &metrics.test_mesh),
+        (pictures.as_str(), &metrics.test_pictures),
         ("validation views, field (they guided the run)", &metrics.validation),
     ];
     for (what, view_metrics) in figures {

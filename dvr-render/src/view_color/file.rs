@@ -19,6 +19,9 @@ const COEFFICIENTS: &str = "coefficients";
 /// Key of the cells along an edge of the grid, over the padded cube.
 const CELLS: &str = "cells";
 
+/// Key of the surface that it was fitted to.
+const SURFACE: &str = "surface";
+
 /// Most cells along an edge that a file may claim to have.
 const MAX_CELLS: usize = 128;
 
@@ -35,11 +38,11 @@ fn broken(problem: impl std::fmt::Display) -> ViewColorError {
 }
 
 impl ViewColor {
-    /// As bytes: indices of nodes in 32 bits, coefficients in 16.
+    /// As bytes: indices of nodes in 32 bits, coefficients in 16. `surface` is what it was fitted to, in the caller's words.
     ///
     /// # Errors
     /// When the container cannot hold them.
-    pub fn to_bytes(&self) -> Result<Vec<u8>, ViewColorError> {
+    pub fn to_bytes(&self, surface: &str) -> Result<Vec<u8>, ViewColorError> {
         let nodes: Vec<u8> = self.nodes.iter().flat_map(|node| node.to_le_bytes()).collect();
         let numbers = self.coefficients.as_flattened().iter().flat_map(|by_channel| by_channel.to_array());
         let numbers: Vec<u8> = numbers.flat_map(|number| f16::from_f32(number).to_le_bytes()).collect();
@@ -48,8 +51,18 @@ impl ViewColor {
             (NODES, TensorView::new(Dtype::U32, vec![count], &nodes).map_err(broken)?),
             (COEFFICIENTS, TensorView::new(Dtype::F16, vec![count, TERMS, 3], &numbers).map_err(broken)?),
         ];
-        let metadata = HashMap::from([(CELLS.to_owned(), self.grid.cells().to_string())]);
+        let cells = self.grid.cells().to_string();
+        let metadata = HashMap::from([(CELLS.to_owned(), cells), (SURFACE.to_owned(), surface.to_owned())]);
         serialize(tensors, Some(metadata)).map_err(broken)
+    }
+
+    /// What was said of the surface when these bytes were made; `None` where nothing was.
+    ///
+    /// # Errors
+    /// When they are something else, or are cut short.
+    pub fn surface_of(bytes: &[u8]) -> Result<Option<String>, ViewColorError> {
+        let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(broken)?;
+        Ok(metadata.metadata().as_ref().and_then(|metadata| metadata.get(SURFACE).cloned()))
     }
 
     /// From bytes.
@@ -104,21 +117,24 @@ mod tests {
     #[test]
     fn what_is_stored_is_read_again() {
         let stored = stored();
-        assert_eq!(ViewColor::from_bytes(&stored.to_bytes().unwrap()), Ok(stored));
+        let bytes = stored.to_bytes("a ball").unwrap();
+        assert_eq!(ViewColor::surface_of(&bytes), Ok(Some("a ball".to_owned())));
+        assert_eq!(ViewColor::from_bytes(&bytes), Ok(stored));
         let empty = ViewColor::new(VoxelGrid::new(5, 0.55), Vec::new(), Vec::new());
-        assert_eq!(ViewColor::from_bytes(&empty.to_bytes().unwrap()), Ok(empty));
+        assert_eq!(ViewColor::from_bytes(&empty.to_bytes("").unwrap()), Ok(empty));
     }
 
     #[test]
     fn what_does_not_fit_together_is_an_error() {
-        let bytes = stored().to_bytes().unwrap();
+        let bytes = stored().to_bytes("").unwrap();
         for length in 0..bytes.len() {
             assert!(ViewColor::from_bytes(&bytes[..length]).is_err(), "{length} bytes");
+            assert!(length > 200 || ViewColor::surface_of(&bytes[..length]).is_err(), "{length} bytes");
         }
         let said = |nodes: Vec<u32>, first: f32, cells: usize| {
             let mut wrong = ViewColor { nodes, grid: VoxelGrid::new(cells + 1, 0.55), ..stored() };
             wrong.coefficients[0][0].x = first;
-            ViewColor::from_bytes(&wrong.to_bytes().unwrap()).unwrap_err().to_string()
+            ViewColor::from_bytes(&wrong.to_bytes("").unwrap()).unwrap_err().to_string()
         };
         assert!(said(vec![3, 3, 124], 0.0, 4).contains("in order"));
         assert!(said(vec![3, 17, 125], 0.0, 4).contains("in order"));

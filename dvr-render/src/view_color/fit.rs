@@ -51,7 +51,7 @@ impl ViewColor {
     /// # Errors
     /// [`Cancelled`] where somebody wants it to end.
     pub fn fit(shader: &dyn Shader, views: &[&View], cancellation: &Cancellation) -> Result<Option<Self>, Cancelled> {
-        let grid = VoxelGrid::new(CELLS + 1, UnitCube::default().half_extent() as f32);
+        let grid = grid();
         let mut samples = samples(shader, views, &grid, cancellation)?;
         if samples.is_empty() {
             return Ok(None);
@@ -64,6 +64,11 @@ impl ViewColor {
         let coefficients = solve(&samples, nodes.len(), cancellation)?;
         Ok(Some(Self::new(grid, nodes, coefficients)))
     }
+}
+
+/// The nodes of the coefficients.
+pub(super) fn grid() -> VoxelGrid {
+    VoxelGrid::new(CELLS + 1, UnitCube::default().half_extent() as f32)
 }
 
 /// Pixels of the object and not of its outline, evenly spread over all photographs, that meet the surface.
@@ -234,7 +239,7 @@ mod tests {
         let (before, after) = (psnr(&plain), psnr(&found.on(&plain)));
         assert!(before < 25.0 && after > before + 6.0, "{before} dB and {after} dB");
         // Stored, it says the same but for rounding, and beyond the surface nothing.
-        let stored = ViewColor::from_bytes(&found.to_bytes().unwrap()).unwrap();
+        let stored = ViewColor::from_bytes(&found.to_bytes("").unwrap()).unwrap();
         let (point, direction) = (Vec3::new(0.0, 0.1, 0.28), Vec3::new(0.1, 0.2, -1.0));
         assert!((stored.at(point, direction) - found.at(point, direction)).abs().max_element() < 1e-3);
         assert_eq!(found.at(Vec3::splat(0.5), direction), Vec3::ZERO);

@@ -46,6 +46,11 @@ impl ViewColor {
         Self { grid, nodes, slots, coefficients }
     }
 
+    /// Colours that do not depend on the direction.
+    pub fn none() -> Self {
+        Self::new(fit::grid(), Vec::new(), Vec::new())
+    }
+
     /// What is added to the colour, sRGB, of a point of the surface, in object space, that is seen along `direction`, from
     /// the camera on. Zero far from where photographs showed the surface.
     pub fn at(&self, point: Vec3, direction: Vec3) -> Vec3 {

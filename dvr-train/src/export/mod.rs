@@ -3,11 +3,11 @@
 pub(crate) mod bake;
 pub(crate) mod components;
 pub(crate) mod mesh;
+pub(crate) mod pictures;
 pub mod preview;
 pub(crate) mod real_size;
 pub(crate) mod run_metrics;
 pub(crate) mod run_results;
 pub(crate) mod support;
 pub(crate) mod texture;
-pub(crate) mod view_color;
 pub(crate) mod views;

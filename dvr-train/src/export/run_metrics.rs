@@ -7,6 +7,7 @@ use dvr_texture::TextureReport;
 use serde::{Deserialize, Serialize};
 
 use crate::evaluate::{DepthMapsEvaluation, PointsEvaluation, ShapeEvaluation};
+use crate::export::pictures::PicturesOf;
 use crate::export::real_size::RealSize;
 use crate::export::support::Support;
 use crate::resources::Resources;
@@ -63,10 +64,14 @@ pub struct RunMetrics {
     pub views: ViewNames,
     /// Renders of the field against test views, on an even subset of their pixels: nothing was chosen by these.
     pub test: Option<ViewMetrics>,
-    /// The same with colour that depends on the viewing direction; `None` where validation views look hardly better with
-    /// it or there are none, and for methods that have none.
+    /// What `dvr render` shows against the same pixels; `None` where there are no validation views that choose it, and for
+    /// methods of which it shows the field.
+    #[serde(default, alias = "test_view_color", skip_serializing_if = "Option::is_none")]
+    pub test_pictures: Option<ViewMetrics>,
+    /// What that is: of field and mesh, each with and without colours that depend on the viewing direction, the one that is
+    /// nearest to validation views.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub test_view_color: Option<ViewMetrics>,
+    pub pictures_of: Option<PicturesOf>,
     /// Renders of the mesh with its texture (without one, with the colours of its vertices), unlit, against the same
     /// pixels: what the user takes home.
     pub test_mesh: Option<ViewMetrics>,

@@ -5,18 +5,18 @@ use std::time::Instant;
 use dvr_core::mesh::{Look, Mesh, TexturedMesh, write_mesh, write_textured_mesh};
 use dvr_core::metrics::points::PointsSettings;
 use dvr_core::metrics::self_intersections;
-use dvr_core::{Camera, Cancellation, Exposure, Scene, VerifiedPoints, View, ViewSplit};
-use dvr_render::{MeshShader, Shader, ViewColor, view_metrics};
+use dvr_core::{Camera, Cancellation, Exposure, Scene, Similarity, VerifiedPoints, View, ViewSplit};
+use dvr_render::{MeshShader, Shader, view_metrics};
 use image::RgbImage;
 
 use crate::error::{Error, Result};
 use crate::evaluate::{DepthMapsEvaluation, PointsEvaluation, evaluate_shape};
 use crate::export::mesh::{MeshOptions, ObjectMesh, object_mesh, world_mesh};
+use crate::export::pictures::{ChosenPictures, store_pictures};
 use crate::export::preview::preview_sheet;
 use crate::export::real_size::RealSize;
 use crate::export::run_metrics::RunMetrics;
 use crate::export::texture::photo_texture;
-use crate::export::view_color::{fit_view_color, store_view_color};
 use crate::export::views::surface_points;
 use crate::methods::method::Method;
 use crate::observer::Observer;
@@ -46,9 +46,10 @@ pub struct RunResults {
     pub textured: Option<TexturedMesh>,
     /// What viewers do with its colours.
     pub look: Look,
-    /// What the field's colour changes by with the viewing direction, where that explains photographs which it was not
-    /// fitted to by a quarter of a decibel.
-    pub view_color: Option<ViewColor>,
+    /// What pictures of the run show; its field where nothing was chosen.
+    pub pictures: Option<ChosenPictures>,
+    /// What takes object space to the coordinates of the mesh.
+    object_to_mesh: Similarity,
     /// Input, render, depth and normals side by side.
     pub preview: RgbImage,
     /// The figures.
@@ -100,11 +101,15 @@ impl RunResults {
         let of_field = |views: &[&View]| view_metrics(shader.as_ref(), views, FIGURE_PIXELS);
         let (test, validation) = (of_field(&views.test), of_field(&views.validation));
         let cancellation = &options.extraction.cancellation;
-        let view_color =
-            if method.is_compact() { fit_view_color(shader.as_ref(), &views, validation, cancellation)? } else { None };
+        // Where the mesh has no texture, its colours are no finer than those of the field.
+        let with_texture = textured.is_some().then_some(kept);
+        let pictures = match method.is_compact() {
+            true => ChosenPictures::new(shader.as_ref(), with_texture, &views, cancellation)?,
+            false => None,
+        };
         laps.done("view-dependent colour")?;
-        let of_view_color = |found: &ViewColor| view_metrics(&found.on(shader.as_ref()), &views.test, FIGURE_PIXELS);
-        let test_view_color = view_color.as_ref().and_then(of_view_color);
+        let figure = |chosen: &ChosenPictures| chosen.figure(shader.as_ref(), kept, &views.test);
+        let test_pictures = pictures.as_ref().and_then(figure);
         let test_mesh = mesh_shader.as_ref().and_then(|shader| view_metrics(shader, &views.test, FIGURE_PIXELS));
         laps.done("test and validation views")?;
         let empty = Mesh::default();
@@ -150,7 +155,8 @@ impl RunResults {
             depth_maps,
             views: outcome.header.views.clone().unwrap_or_default(),
             test,
-            test_view_color,
+            test_pictures,
+            pictures_of: pictures.as_ref().map(|chosen| chosen.of),
             test_mesh,
             validation,
             exposure_stops: Exposure::range(outcome.header.exposures.values()),
@@ -161,7 +167,7 @@ impl RunResults {
             measuring_seconds: outcome.measuring_seconds,
         };
         let textured = textured.map(|textured| textured.mesh.transformed(&to_export));
-        Ok(Self { mesh: exported, textured, look: options.look, view_color, preview, metrics })
+        Ok(Self { mesh: exported, textured, look: options.look, pictures, object_to_mesh: to_export, preview, metrics })
     }
 
     /// Writes mesh (PLY with colours per vertex, GLB with the texture where there is one), preview sheet and figures into a run's folder.
@@ -176,7 +182,7 @@ impl RunResults {
                 None => write_mesh(folder.mesh_glb(), mesh)?,
             }
         }
-        store_view_color(self.view_color.as_ref(), folder)?;
+        store_pictures(self.pictures.as_ref(), &self.object_to_mesh, folder)?;
         dvr_core::files::write_rgb_png(&folder.preview(), &self.preview)?;
         let json = serde_json::to_string_pretty(&self.metrics);
         let json = json.map_err(|e| Error::NotStored { problem: e.to_string() })?;

@@ -1,0 +1,211 @@
+//! What pictures of a run show: its field or its mesh with the texture, and whether colours depend on the viewing direction.
+//!
+//! Validation photographs choose, once the run is trained: a texture is finer than the colours of the field, but shows
+//! what single photographs say; and few photographs, or a wrong surface, fit colours for any direction.
+
+use std::path::Path;
+
+use dvr_core::mesh::{TexturedMesh, read_mesh};
+use dvr_core::record::Digest;
+use dvr_core::{Cancellation, Similarity, View, ViewSplit};
+use dvr_render::{MeshShader, Shader, ViewColor, ViewMetrics, view_metrics};
+use serde::{Deserialize, Serialize};
+
+use crate::error::{Error, Result};
+use crate::export::run_results::FIGURE_PIXELS;
+use crate::run::folder::RunFolder;
+
+/// How much nearer to validation photographs pictures must be for what takes more bytes or more time, dB.
+const MIN_GAIN_DB: f64 = 0.25;
+
+/// What pictures of a run show.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum PicturesOf {
+    /// The field, in the same colour from everywhere.
+    Field,
+    /// The field, in colours that depend on the viewing direction.
+    FieldWithViewColor,
+    /// The mesh with its texture, in the same colour from everywhere.
+    Mesh,
+    /// The mesh with its texture, in colours that depend on the viewing direction.
+    MeshWithViewColor,
+}
+
+impl PicturesOf {
+    fn is_mesh(self) -> bool {
+        matches!(self, Self::Mesh | Self::MeshWithViewColor)
+    }
+
+    fn with_view_color(self) -> Self {
+        if self.is_mesh() { Self::MeshWithViewColor } else { Self::FieldWithViewColor }
+    }
+}
+
+impl std::fmt::Display for PicturesOf {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Field => "field",
+            Self::FieldWithViewColor => "field with view-dependent colour",
+            Self::Mesh => "mesh",
+            Self::MeshWithViewColor => "mesh with view-dependent colour",
+        })
+    }
+}
+
+/// What pictures of a run show, as validation views chose it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ChosenPictures {
+    /// What they show.
+    pub of: PicturesOf,
+    /// What its colour changes by with the viewing direction: by nothing where it does not.
+    pub view_color: ViewColor,
+    /// They against validation views.
+    validation: ViewMetrics,
+}
+
+impl ChosenPictures {
+    /// Chooses between field and mesh; `None` where there are no validation views.
+    ///
+    /// # Errors
+    /// [`Error::Cancelled`] where somebody wants it to end.
+    pub(crate) fn new(
+        field: &dyn Shader,
+        mesh: Option<&dyn Shader>,
+        views: &ViewSplit,
+        cancellation: &Cancellation,
+    ) -> Result<Option<Self>> {
+        let field = Self::of_surface(PicturesOf::Field, field, views, cancellation)?;
+        let mesh = match mesh {
+            Some(mesh) => Self::of_surface(PicturesOf::Mesh, mesh, views, cancellation)?,
+            None => None,
+        };
+        Ok(match (field, mesh) {
+            (Some(field), Some(mesh)) if mesh.validation.psnr - field.validation.psnr >= MIN_GAIN_DB => Some(mesh),
+            (field, _) => field,
+        })
+    }
+
+    /// What `shader` shows, in colours that depend on the direction where these bring enough.
+    fn of_surface(
+        of: PicturesOf,
+        shader: &dyn Shader,
+        views: &ViewSplit,
+        cancellation: &Cancellation,
+    ) -> Result<Option<Self>> {
+        let figure = |shader: &dyn Shader| view_metrics(shader, &views.validation, FIGURE_PIXELS);
+        let Some(without) = figure(shader) else { return Ok(None) };
+        if let Some(view_color) = ViewColor::fit(shader, &views.train, cancellation)? {
+            let with = figure(&view_color.on(shader));
+            if let Some(validation) = with.filter(|with| with.psnr - without.psnr >= MIN_GAIN_DB) {
+                return Ok(Some(Self { of: of.with_view_color(), view_color, validation }));
+            }
+        }
+        Ok(Some(Self { of, view_color: ViewColor::none(), validation: without }))
+    }
+
+    /// They against these views.
+    pub(crate) fn figure(&self, field: &dyn Shader, mesh: &dyn Shader, views: &[&View]) -> Option<ViewMetrics> {
+        view_metrics(&self.view_color.on(if self.of.is_mesh() { mesh } else { field }), views, FIGURE_PIXELS)
+    }
+}
+
+/// What has the colours, as their file says.
+#[derive(Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum StoredSurface {
+    Field,
+    /// The mesh of the run's folder while it is the same to the byte, and where that is.
+    Mesh {
+        digest: Digest,
+        object_to_mesh: Similarity,
+    },
+}
+
+/// Writes them into a run's folder, where the mesh lies already, or takes away what an earlier session left there: there is
+/// no file where pictures are of the field alone.
+///
+/// # Errors
+/// When the file cannot be written, or that of the mesh cannot be read.
+pub(crate) fn store_pictures(
+    chosen: Option<&ChosenPictures>,
+    object_to_mesh: &Similarity,
+    folder: &RunFolder,
+) -> Result<()> {
+    let Some(chosen) = chosen.filter(|chosen| chosen.of != PicturesOf::Field) else {
+        return folder.forget_view_color();
+    };
+    let fail = |problem: String| Error::NotStored { problem };
+    let surface = if chosen.of.is_mesh() {
+        StoredSurface::Mesh { digest: Digest::of_file(&folder.mesh_glb())?, object_to_mesh: *object_to_mesh }
+    } else {
+        StoredSurface::Field
+    };
+    let surface = serde_json::to_string(&surface).map_err(|error| fail(error.to_string()))?;
+    let bytes = chosen.view_color.to_bytes(&surface).map_err(|error| fail(error.to_string()))?;
+    Ok(dvr_core::files::write_bytes_atomically(&folder.view_color(), &bytes)?)
+}
+
+/// What pictures of a run show where that is not its field alone.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RunPictures {
+    view_color: ViewColor,
+    /// In object space; the field where there is none.
+    mesh: Option<TexturedMesh>,
+}
+
+impl RunPictures {
+    /// Those of a run's folder; `None` where they are of the field alone. Warns where the mesh that they were of is gone: they
+    /// are then of the field, which has about the same colours.
+    ///
+    /// # Errors
+    /// When the file cannot be read, or is something else.
+    pub fn load(folder: &RunFolder, warnings: &mut Vec<String>) -> Result<Option<Self>> {
+        let path = folder.view_color();
+        if !path.exists() {
+            return Ok(None);
+        }
+        let broken = |problem: String| Error::NotViewColor { path: path.clone(), problem };
+        let bytes = dvr_core::files::read_bytes(&path)?;
+        let view_color = ViewColor::from_bytes(&bytes).map_err(|error| broken(error.problem))?;
+        let surface = ViewColor::surface_of(&bytes).map_err(|error| broken(error.problem))?;
+        // Runs of older versions say nothing: theirs is that of the field.
+        let surface = surface.map_or(Ok(StoredSurface::Field), |surface| serde_json::from_str(&surface));
+        let surface = surface.map_err(|error| broken(error.to_string()))?;
+        let mesh = match surface {
+            StoredSurface::Field => None,
+            StoredSurface::Mesh { digest, object_to_mesh } => {
+                if !(object_to_mesh.scale.is_finite() && object_to_mesh.scale > 0.0) {
+                    return Err(broken(format!("a scale of {}", object_to_mesh.scale)));
+                }
+                let mesh = same_mesh(&folder.mesh_glb(), &digest)?;
+                if mesh.is_none() {
+                    warnings.push(format!(
+                        "{}: this is not the mesh that the run made, and pictures are of the field; \
+                         `dvr train --resume --out {}` makes all results of the run again",
+                        folder.mesh_glb().display(),
+                        folder.root().display()
+                    ));
+                }
+                mesh.map(|mesh| mesh.transformed(&object_to_mesh.inverse()))
+            }
+        };
+        Ok(Some(Self { view_color, mesh }))
+    }
+
+    /// Hands on what shows them, where `field` shows the field of the run.
+    pub fn show<R>(&self, field: &dyn Shader, to: impl FnOnce(&dyn Shader) -> R) -> R {
+        match &self.mesh {
+            Some(mesh) => to(&self.view_color.on(&MeshShader::textured(mesh))),
+            None => to(&self.view_color.on(field)),
+        }
+    }
+}
+
+/// The mesh of a file; `None` where that is gone or was written anew.
+fn same_mesh(path: &Path, digest: &Digest) -> Result<Option<TexturedMesh>> {
+    if !path.is_file() || Digest::of_file(path)? != *digest {
+        return Ok(None);
+    }
+    Ok(Some(read_mesh(path)?))
+}
