@@ -5,6 +5,7 @@ mod support;
 use std::path::Path;
 
 use dvr_core::dataset::{ReadOptions, read_scene};
+use dvr_render::ViewColor;
 use support::{Tiny, copy_demo, dvr, refuses, succeeds, text};
 
 /// Renders an orbit around a run, with more arguments; returns the first picture.
@@ -74,7 +75,7 @@ fn a_run_keeps_them_and_is_rendered_with_them_unless_somebody_does_not_want_it()
     std::fs::write(&stored, &bytes[..bytes.len() / 2]).unwrap();
     let out = tiny.path("damaged");
     let args = ["render", text(&run), "--out", text(&out), "--frames", "8", "--size", "64", "--animation", "none"];
-    refuses(&dvr(&args), &["view_color.safetensors", "without the file"]);
+    refuses(&dvr(&args), &["view_color.safetensors", "of its field"]);
     assert!(!out.exists());
     assert!(rendered(&tiny, &run, "off_again", &["--view-color", "off"]) == off);
     // The results that follow when the run goes on bring it back.
@@ -106,22 +107,51 @@ fn they_are_those_of_the_mesh_where_its_texture_shows_more_as_long_as_it_is_the_
 
     // The views that are measured are those that are shown: all pixels of them here, a part of them at the end of the run.
     let json = tiny.path("eval.json");
-    succeeds(&dvr(&["eval", text(&run), "--resolution", "64", "--json", text(&json)]));
+    let said = succeeds(&dvr(&["eval", text(&run), "--resolution", "64", "--json", text(&json)]));
+    assert!(said.contains("test views of the mesh with view-dependent colour"), "{said}");
     let report: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(json).unwrap()).unwrap();
     let of_views: Vec<f64> = report["views"].as_array().unwrap().iter().map(|v| v["psnr"].as_f64().unwrap()).collect();
     let (mean, kept) = (of_views.iter().sum::<f64>() / of_views.len() as f64, &figures["test_pictures"]["psnr"]);
     assert!((mean - kept.as_f64().unwrap()).abs() < 0.7, "{mean} and {kept}");
 
-    // Another mesh in its place shows something else: pictures are of the field, and say so.
-    let glb = std::fs::read(run.join("mesh.glb")).unwrap();
+    // A run of an earlier version did not say what its colours were fitted to: it was the field.
+    let (stored, glb) = (run.join("view_color.safetensors"), std::fs::read(run.join("mesh.glb")).unwrap());
+    let bytes = std::fs::read(&stored).unwrap();
+    let color = ViewColor::from_bytes(&bytes).unwrap();
+    let off = rendered(&tiny, &run, "off", &["--view-color", "off"]);
+    std::fs::write(&stored, color.to_bytes(r#""field""#).unwrap()).unwrap();
+    let of_field = rendered(&tiny, &run, "of_field", &[]);
+    assert!(of_field != of_mesh && of_field != off);
+    // Where the mesh alone is shown there are no colours for directions, and its place is told all the same.
+    let place = ViewColor::surface_of(&bytes).unwrap().unwrap();
+    std::fs::write(&stored, ViewColor::none().to_bytes(&place).unwrap()).unwrap();
+    let plain = rendered(&tiny, &run, "plain", &[]);
+    assert!(plain != of_mesh && plain != off);
+    for wrong in ["{}", "\"sphere\"", &place.replace("\"scale\":", "\"scale\":-")] {
+        std::fs::write(&stored, color.to_bytes(wrong).unwrap()).unwrap();
+        let out = tiny.path("wrong");
+        refuses(&dvr(&["render", text(&run), "--out", text(&out)]), &["view_color.safetensors", "of its field"]);
+        assert!(!out.exists());
+    }
+    std::fs::write(&stored, bytes).unwrap();
+
+    // Another mesh in its place, or none, shows something else: pictures are of the field, and say so.
+    let shows_field = |name: &str| {
+        let out = tiny.path(name);
+        let args = ["render", text(&run), "--out", text(&out), "--frames", "8", "--size", "64", "--animation", "none"];
+        let output = dvr(&args);
+        succeeds(&output);
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert!(
+            said.contains("mesh.glb: this is not the mesh that the run made") && said.contains("--resume"),
+            "{said}"
+        );
+        assert!(std::fs::read(out.join("orbit_0000.png")).unwrap() == off);
+    };
     succeeds(&dvr(&["mesh", text(&run), "--resolution", "16", "--texture", "off"]));
-    let out = tiny.path("of_field");
-    let args = ["render", text(&run), "--out", text(&out), "--frames", "8", "--size", "64", "--animation", "none"];
-    let output = dvr(&args);
-    succeeds(&output);
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert!(said.contains("mesh.glb: this is not the mesh that the run made") && said.contains("--resume"), "{said}");
-    assert!(std::fs::read(out.join("orbit_0000.png")).unwrap() != of_mesh);
+    shows_field("other");
+    std::fs::remove_file(run.join("mesh.glb")).unwrap();
+    shows_field("gone");
     std::fs::write(run.join("mesh.glb"), glb).unwrap();
-    assert!(rendered(&tiny, &run, "of_mesh_again", &[]) == of_mesh);
+    assert!(rendered(&tiny, &run, "again", &[]) == of_mesh);
 }

@@ -255,7 +255,7 @@ pub enum Error {
         problem: String,
     },
     /// A file does not hold the view-dependent colour of a run.
-    #[error("{}: this is no view-dependent colour: {problem}; without the file, the run is rendered without it", path.display())]
+    #[error("{}: this is no view-dependent colour: {problem}; without the file, pictures of the run are of its field", path.display())]
     NotViewColor {
         /// The file.
         path: PathBuf,

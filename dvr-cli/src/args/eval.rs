@@ -30,7 +30,7 @@ pub struct EvalArgs {
     /// Seed of the surface samples and of the choice of each object's input picture
     #[arg(long, default_value_t = 0, value_name = "N")]
     pub seed: u64,
-    /// Samples across the object cube when views are rendered [2 to 8192]
+    /// Samples across the object cube when views of the field are rendered [2 to 8192]
     #[arg(long, default_value_t = 128, value_parser = within(2u32, 8192), value_name = "N")]
     pub samples: u32,
     /// Skip rendering the test views

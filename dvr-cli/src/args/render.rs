@@ -49,7 +49,7 @@ pub struct RenderArgs {
     /// Animation of the orbit
     #[arg(long, value_enum, default_value_t = Animation::Gif)]
     pub animation: Animation,
-    /// Also write colour and z-depth as EXR (depth in scene units)
+    /// Also write colour and z-depth as EXR (depth in scene units), of what is rendered: see --view-color
     #[arg(long)]
     pub exr: bool,
     /// Also write normals as PNG

@@ -11,8 +11,9 @@ use dvr_core::metrics::self_intersections;
 use dvr_core::{Camera, Cancellation, HOLD_OUT_EVERY, Scene, View};
 use dvr_render::{MeshShader, Shader};
 use dvr_train::{
-    Checkpoint, ColorSource, DepthMapsEvaluation, Error, MeshOptions, Observer, PointsEvaluation, ShapeEvaluation,
-    ViewEvaluation, ViewSplit, evaluate_shape, evaluate_views, method_of, object_mesh, surface_points, world_mesh,
+    Checkpoint, ColorSource, DepthMapsEvaluation, Error, MeshOptions, Observer, PicturesOf, PointsEvaluation,
+    RunPictures, ShapeEvaluation, ViewEvaluation, ViewSplit, evaluate_shape, evaluate_views, method_of, object_mesh,
+    surface_points, world_mesh,
 };
 use serde::Serialize;
 
@@ -37,6 +38,9 @@ struct Report {
     mesh: MeshFacts,
     shape: ShapeEvaluation,
     views: Vec<ViewEvaluation>,
+    /// What of a run they show; `None` where they show the mesh that was given, or nothing.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pictures_of: Option<PicturesOf>,
     /// Against verified points, where these were given or come with the scene; in the units of the files.
     points: Option<PointsEvaluation>,
     /// The depth maps that the run started from, where they were asked for.
@@ -94,7 +98,7 @@ pub fn run(args: &EvalArgs, cancellation: &Cancellation) -> Result<ExitCode> {
     if let Some(dtu) = &report.dtu {
         print_dtu(dtu);
     }
-    print_views(&report.views);
+    print_views(&report.views, report.pictures_of);
     let is_measured = report.points.is_some() || report.dtu.is_some() || !report.views.is_empty();
     if report.shape == ShapeEvaluation::default() && !is_measured {
         bail!(
@@ -153,7 +157,16 @@ fn of_mesh(args: &EvalArgs, mesh: &Path, cancellation: &Cancellation) -> Result<
             );
         }
         let (mesh, shape) = (MeshFacts::of(&textured.mesh, cancellation)?, ShapeEvaluation::default());
-        return Ok(Report { scene: None, mesh, shape, views: Vec::new(), points, depth_maps: None, dtu });
+        return Ok(Report {
+            scene: None,
+            mesh,
+            shape,
+            views: Vec::new(),
+            pictures_of: None,
+            points,
+            depth_maps: None,
+            dtu,
+        });
     };
     let options = ReadOptions { cancellation: cancellation.clone(), ..args.reading.read_options() };
     let mut scene = read_scene(data, &options)?;
@@ -169,7 +182,7 @@ fn of_mesh(args: &EvalArgs, mesh: &Path, cancellation: &Cancellation) -> Result<
         rendered(&MeshShader::textured(&textured), &with_masks(&ViewSplit::of(&scene)?.test)?, cancellation)?
     };
     let mesh = MeshFacts::of(&textured.mesh, cancellation)?;
-    Ok(Report { scene: Some(scene.name), mesh, shape, views, points, depth_maps: None, dtu })
+    Ok(Report { scene: Some(scene.name), mesh, shape, views, pictures_of: None, points, depth_maps: None, dtu })
 }
 
 /// The views, all of which have masks: figures over some of them would pass for those of all.
@@ -185,7 +198,6 @@ fn with_masks<'a>(views: &[&'a View]) -> Result<Vec<&'a View>> {
 
 fn of_run(args: &EvalArgs, subject: &Path, checkpoint: &Checkpoint, cancellation: &Cancellation) -> Result<Report> {
     refuse_other_reading(&args.reading, checkpoint)?;
-    let pictures = pictures_of(subject)?;
     let scene: Scene = scene_of_run(checkpoint, args.data.as_ref(), args.reading.memory, cancellation)?;
     let device = args.backend.backend.device_for(method_of(&checkpoint.header.method)?.as_ref())?;
     memory::limit(&device, args.reading.memory);
@@ -206,8 +218,10 @@ fn of_run(args: &EvalArgs, subject: &Path, checkpoint: &Checkpoint, cancellation
         Err(other) => return Err(other.into()),
     };
     let shape = evaluate_shape(&mesh, &scene.ground_truth, &cameras_of(&scene), args.seed)?;
-    let mut views = Vec::new();
+    let (mut views, mut views_of) = (Vec::new(), None);
     if !args.no_views {
+        let pictures = pictures_of(subject)?;
+        views_of = Some(pictures.as_ref().map_or(PicturesOf::Field, RunPictures::of));
         let shader = model.shader(args.samples as usize);
         views = match &pictures {
             Some(found) => found.show(shader.as_ref(), |shader| rendered(shader, &split.test, cancellation))?,
@@ -228,7 +242,7 @@ fn of_run(args: &EvalArgs, subject: &Path, checkpoint: &Checkpoint, cancellation
         }
     }
     let mesh = MeshFacts::of(&mesh, cancellation)?;
-    Ok(Report { scene: Some(scene.name), mesh, shape, views, points, depth_maps, dtu })
+    Ok(Report { scene: Some(scene.name), mesh, shape, views, pictures_of: views_of, points, depth_maps, dtu })
 }
 
 fn cameras_of(scene: &Scene) -> Vec<&Camera> {
@@ -242,11 +256,12 @@ fn rendered(shader: &dyn Shader, views: &[&View], cancellation: &Cancellation) -
 }
 
 /// Prints the views' figures and their means.
-fn print_views(views: &[ViewEvaluation]) {
+fn print_views(views: &[ViewEvaluation], of: Option<PicturesOf>) {
     if views.is_empty() {
         return;
     }
-    println!("test views (both pictures on white)");
+    let of = of.map_or(String::new(), |of| format!(" of the {of}"));
+    println!("test views{of} (both pictures on white)");
     println!("  {:<22}{:>9}{:>9}{:>9}", "view", "PSNR dB", "SSIM", "mask IoU");
     for view in views {
         println!("  {:<22}{:>9.2}{:>9.4}{:>9.4}", view.view, view.psnr, view.ssim, view.mask_iou);

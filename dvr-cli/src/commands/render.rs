@@ -51,6 +51,9 @@ fn of_run(args: &RenderArgs, claim: Claim, turntable: &Turntable, cancellation: 
         ViewColorChoice::On if args.object.is_none() => pictures_of(&args.subject)?,
         _ => None,
     };
+    if args.backend.backend != Backend::Cpu && pictures.as_ref().is_some_and(|pictures| pictures.of().is_mesh()) {
+        eprintln!("note: pictures are of the run's mesh, which rays meet on the CPU");
+    }
     let device = args.backend.backend.device_for(dvr_train::method_of(&checkpoint.header.method)?.as_ref())?;
     memory::limit(&device, args.memory.memory);
     let model = load_model(&checkpoint, args.object, &device)?;

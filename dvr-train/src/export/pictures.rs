@@ -3,9 +3,7 @@
 //! Validation photographs choose, once the run is trained: a texture is finer than the colours of the field, but shows
 //! what single photographs say; and few photographs, or a wrong surface, fit colours for any direction.
 
-use std::path::Path;
-
-use dvr_core::mesh::{TexturedMesh, read_mesh};
+use dvr_core::mesh::{TexturedMesh, read_mesh_with_warnings};
 use dvr_core::record::Digest;
 use dvr_core::{Cancellation, Similarity, View, ViewSplit};
 use dvr_render::{MeshShader, Shader, ViewColor, ViewMetrics, view_metrics};
@@ -33,7 +31,8 @@ pub enum PicturesOf {
 }
 
 impl PicturesOf {
-    fn is_mesh(self) -> bool {
+    /// Whether rays meet the mesh, on the CPU, and not the field.
+    pub fn is_mesh(self) -> bool {
         matches!(self, Self::Mesh | Self::MeshWithViewColor)
     }
 
@@ -105,8 +104,9 @@ impl ChosenPictures {
     }
 
     /// They against these views.
-    pub(crate) fn figure(&self, field: &dyn Shader, mesh: &dyn Shader, views: &[&View]) -> Option<ViewMetrics> {
-        view_metrics(&self.view_color.on(if self.of.is_mesh() { mesh } else { field }), views, FIGURE_PIXELS)
+    pub(crate) fn figure(&self, field: &dyn Shader, mesh: Option<&dyn Shader>, views: &[&View]) -> Option<ViewMetrics> {
+        let surface = mesh.filter(|_| self.of.is_mesh()).unwrap_or(field);
+        view_metrics(&self.view_color.on(surface), views, FIGURE_PIXELS)
     }
 }
 
@@ -155,8 +155,8 @@ pub struct RunPictures {
 }
 
 impl RunPictures {
-    /// Those of a run's folder; `None` where they are of the field alone. Warns where the mesh that they were of is gone: they
-    /// are then of the field, which has about the same colours.
+    /// Those of a run's folder; `None` where they are of the field alone, as they are where the mesh that they were of is gone
+    /// or cannot be shown: a warning says so.
     ///
     /// # Errors
     /// When the file cannot be read, or is something else.
@@ -171,26 +171,23 @@ impl RunPictures {
         let surface = ViewColor::surface_of(&bytes).map_err(|error| broken(error.problem))?;
         // Runs of older versions say nothing: theirs is that of the field.
         let surface = surface.map_or(Ok(StoredSurface::Field), |surface| serde_json::from_str(&surface));
-        let surface = surface.map_err(|error| broken(error.to_string()))?;
-        let mesh = match surface {
-            StoredSurface::Field => None,
+        match surface.map_err(|error| broken(error.to_string()))? {
+            StoredSurface::Field => Ok(Some(Self { view_color, mesh: None })),
             StoredSurface::Mesh { digest, object_to_mesh } => {
-                if !(object_to_mesh.scale.is_finite() && object_to_mesh.scale > 0.0) {
-                    return Err(broken(format!("a scale of {}", object_to_mesh.scale)));
+                let mesh_to_object = object_to_mesh.inverse();
+                if !is_sound(&object_to_mesh) || !is_sound(&mesh_to_object) {
+                    return Err(broken(format!("its mesh cannot lie at {object_to_mesh:?}")));
                 }
-                let mesh = same_mesh(&folder.mesh_glb(), &digest)?;
-                if mesh.is_none() {
-                    warnings.push(format!(
-                        "{}: this is not the mesh that the run made, and pictures are of the field; \
-                         `dvr train --resume --out {}` makes all results of the run again",
-                        folder.mesh_glb().display(),
-                        folder.root().display()
-                    ));
-                }
-                mesh.map(|mesh| mesh.transformed(&object_to_mesh.inverse()))
+                let mesh = run_mesh(folder, &digest, warnings)?;
+                Ok(mesh.map(|mesh| Self { view_color, mesh: Some(mesh.transformed(&mesh_to_object)) }))
             }
-        };
-        Ok(Some(Self { view_color, mesh }))
+        }
+    }
+
+    /// What they show.
+    pub fn of(&self) -> PicturesOf {
+        let of = if self.mesh.is_some() { PicturesOf::Mesh } else { PicturesOf::Field };
+        if self.view_color.numbers() > 0 { of.with_view_color() } else { of }
     }
 
     /// Hands on what shows them, where `field` shows the field of the run.
@@ -202,10 +199,26 @@ impl RunPictures {
     }
 }
 
-/// The mesh of a file; `None` where that is gone or was written anew.
-fn same_mesh(path: &Path, digest: &Digest) -> Result<Option<TexturedMesh>> {
-    if !path.is_file() || Digest::of_file(path)? != *digest {
-        return Ok(None);
+/// Whether numbers of a file can be a similarity.
+fn is_sound(similarity: &Similarity) -> bool {
+    let Similarity { scale, rotation, translation } = similarity;
+    scale.is_finite() && *scale > 0.0 && rotation.is_finite() && rotation.is_normalized() && translation.is_finite()
+}
+
+/// The mesh that a run made; `None`, with a warning, where it is gone, was written anew, or has no texture that can be read.
+fn run_mesh(folder: &RunFolder, digest: &Digest, warnings: &mut Vec<String>) -> Result<Option<TexturedMesh>> {
+    let (path, run) = (folder.mesh_glb(), folder.root().display());
+    let mut problem = format!(
+        "this is not the mesh that the run made; `dvr train --resume --out {run}` makes that and all results of the run again"
+    );
+    if path.is_file() && Digest::of_file(&path)? == *digest {
+        let mut left_out = Vec::new();
+        let mesh = read_mesh_with_warnings(&path, &mut left_out)?;
+        if mesh.materials.iter().any(|material| material.texture.is_some()) {
+            return Ok(Some(mesh));
+        }
+        problem = left_out.join("; ");
     }
-    Ok(Some(read_mesh(path)?))
+    warnings.push(format!("{}: {problem}. Pictures are of the field", path.display()));
+    Ok(None)
 }

@@ -86,6 +86,8 @@ impl RunResults {
         };
         let mesh = extracted.map(|extracted| extracted.mesh);
         laps.done("texture")?;
+        let real_size = mesh.as_ref().and_then(|mesh| real_size(trained, mesh, scene, &mut warnings));
+        let to_export = RealSize::to_export(real_size.as_ref(), &outcome.header.object_to_world);
 
         let shown = spread(if views.test.is_empty() { &views.train } else { &views.test }, PREVIEW.0);
         // The sheet shows the mesh, which is what the user keeps, where there is one.
@@ -101,14 +103,18 @@ impl RunResults {
         let of_field = |views: &[&View]| view_metrics(shader.as_ref(), views, FIGURE_PIXELS);
         let (test, validation) = (of_field(&views.test), of_field(&views.validation));
         let cancellation = &options.extraction.cancellation;
-        // Where the mesh has no texture, its colours are no finer than those of the field.
-        let with_texture = textured.is_some().then_some(kept);
+        // Vertices have about as many colours as the field. What is shown later was written in the coordinates of the files.
+        let written = textured
+            .as_ref()
+            .map(|textured| textured.mesh.clone().transformed(&to_export).transformed(&to_export.inverse()));
+        let written = written.as_ref().map(MeshShader::textured);
+        let with_texture = written.as_ref().map(|shader| shader as &dyn Shader);
         let pictures = match method.is_compact() {
             true => ChosenPictures::new(shader.as_ref(), with_texture, &views, cancellation)?,
             false => None,
         };
         laps.done("view-dependent colour")?;
-        let figure = |chosen: &ChosenPictures| chosen.figure(shader.as_ref(), kept, &views.test);
+        let figure = |chosen: &ChosenPictures| chosen.figure(shader.as_ref(), with_texture, &views.test);
         let test_pictures = pictures.as_ref().and_then(figure);
         let test_mesh = mesh_shader.as_ref().and_then(|shader| view_metrics(shader, &views.test, FIGURE_PIXELS));
         laps.done("test and validation views")?;
@@ -130,8 +136,6 @@ impl RunResults {
             &PointsSettings::default(),
         );
         laps.done("shape against the truth")?;
-        let real_size = mesh.as_ref().and_then(|mesh| real_size(trained, mesh, scene, &mut warnings));
-        let to_export = RealSize::to_export(real_size.as_ref(), &outcome.header.object_to_world);
         let exported =
             if real_size.is_some() { mesh.as_ref().map(|mesh| world_mesh(mesh, &to_export)) } else { in_world };
         let metrics = RunMetrics {

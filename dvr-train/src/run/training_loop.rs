@@ -75,7 +75,10 @@ impl<'r> TrainingLoop<'r> {
             learner.resume(state, header.step)?;
             self.log = MetricsLog::resume(&self.options.folder.metrics_csv(), header.step)?;
             (self.header.best, self.seconds_before) = (header.best, header.seconds);
-            self.options.folder.forget_view_color()?;
+            // Results of a run that has come to its end stand until they are made again.
+            if learner.steps_done() < learner.total_steps() {
+                self.options.folder.forget_view_color()?;
+            }
         }
         observer.phase("training", learner.total_steps());
         let mut stop = Stop::Done;
