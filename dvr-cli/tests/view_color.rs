@@ -118,15 +118,15 @@ fn they_are_those_of_the_mesh_where_its_texture_shows_more_as_long_as_it_is_the_
     let (stored, glb) = (run.join("view_color.safetensors"), std::fs::read(run.join("mesh.glb")).unwrap());
     let bytes = std::fs::read(&stored).unwrap();
     let color = ViewColor::from_bytes(&bytes).unwrap();
-    let off = rendered(&tiny, &run, "off", &["--view-color", "off"]);
+    let field = rendered(&tiny, &run.join("last.ckpt"), "field", &[]);
     std::fs::write(&stored, color.to_bytes(r#""field""#).unwrap()).unwrap();
     let of_field = rendered(&tiny, &run, "of_field", &[]);
-    assert!(of_field != of_mesh && of_field != off);
+    assert!(of_field != of_mesh && of_field != field);
     // Where the mesh alone is shown there are no colours for directions, and its place is told all the same.
     let place = ViewColor::surface_of(&bytes).unwrap().unwrap();
     std::fs::write(&stored, ViewColor::none().to_bytes(&place).unwrap()).unwrap();
     let plain = rendered(&tiny, &run, "plain", &[]);
-    assert!(plain != of_mesh && plain != off);
+    assert!(plain != of_mesh && plain != field);
     for wrong in ["{}", "\"sphere\"", &place.replace("\"scale\":", "\"scale\":-")] {
         std::fs::write(&stored, color.to_bytes(wrong).unwrap()).unwrap();
         let out = tiny.path("wrong");
@@ -134,6 +134,7 @@ fn they_are_those_of_the_mesh_where_its_texture_shows_more_as_long_as_it_is_the_
         assert!(!out.exists());
     }
     std::fs::write(&stored, bytes).unwrap();
+    assert!(rendered(&tiny, &run, "off", &["--view-color", "off"]) == plain);
 
     // Another mesh in its place, or none, shows something else: pictures are of the field, and say so.
     let shows_field = |name: &str| {
@@ -146,7 +147,7 @@ fn they_are_those_of_the_mesh_where_its_texture_shows_more_as_long_as_it_is_the_
             said.contains("mesh.glb: this is not the mesh that the run made") && said.contains("--resume"),
             "{said}"
         );
-        assert!(std::fs::read(out.join("orbit_0000.png")).unwrap() == off);
+        assert!(std::fs::read(out.join("orbit_0000.png")).unwrap() == field);
     };
     succeeds(&dvr(&["mesh", text(&run), "--resolution", "16", "--texture", "off"]));
     shows_field("other");

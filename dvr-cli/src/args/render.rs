@@ -19,7 +19,7 @@ pub enum Cameras {
 /// Arguments of `dvr render`.
 #[derive(Args, Debug)]
 pub struct RenderArgs {
-    /// Folder of a run, one of its checkpoints, or a mesh with its texture (GLB, glTF, OBJ, PLY, OFF)
+    /// Folder of a run (its field or its mesh, whichever looks nearer to photographs), its scene.dvr or a checkpoint (the field), or a mesh with its texture (GLB, glTF, OBJ, PLY, OFF)
     #[arg(value_name = "RUN")]
     pub subject: PathBuf,
     /// Folder for the images
@@ -49,14 +49,13 @@ pub struct RenderArgs {
     /// Animation of the orbit
     #[arg(long, value_enum, default_value_t = Animation::Gif)]
     pub animation: Animation,
-    /// Also write colour and z-depth as EXR (depth in scene units), of what is rendered: see --view-color
+    /// Also write colour and z-depth as EXR (depth in scene units)
     #[arg(long)]
     pub exr: bool,
     /// Also write normals as PNG
     #[arg(long)]
     pub normals: bool,
-    /// Whether a run is shown as it looks nearest to its photographs: its field or its mesh, in colours that depend on the
-    /// viewing direction where these help
+    /// Colours that depend on the viewing direction, where the run found any
     #[arg(long, value_enum, default_value_t = ViewColorChoice::On)]
     pub view_color: ViewColorChoice,
     /// Samples across the object cube, where the field is rendered [2 to 8192]
@@ -71,12 +70,12 @@ pub struct RenderArgs {
     pub memory: MemoryArg,
 }
 
-/// What of a run is shown.
+/// Whether colours of a run depend on the viewing direction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum ViewColorChoice {
-    /// As it looks nearest to photographs
+    /// As photographs show it
     On,
-    /// The field, in the same colour from everywhere
+    /// The same colour from everywhere
     Off,
 }
 

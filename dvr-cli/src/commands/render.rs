@@ -47,10 +47,11 @@ pub fn run(args: &RenderArgs, cancellation: &Cancellation) -> Result<ExitCode> {
 
 fn of_run(args: &RenderArgs, claim: Claim, turntable: &Turntable, cancellation: &Cancellation) -> Result<()> {
     let checkpoint = load_run(&args.subject)?;
-    let pictures = match args.view_color {
-        ViewColorChoice::On if args.object.is_none() => pictures_of(&args.subject)?,
-        _ => None,
-    };
+    let pictures = if args.object.is_none() { pictures_of(&args.subject)? } else { None };
+    let pictures = pictures.map(|pictures| match args.view_color {
+        ViewColorChoice::On => pictures,
+        ViewColorChoice::Off => pictures.without_view_color(),
+    });
     if args.backend.backend != Backend::Cpu && pictures.as_ref().is_some_and(|pictures| pictures.of().is_mesh()) {
         eprintln!("note: pictures are of the run's mesh, which rays meet on the CPU");
     }

@@ -64,43 +64,34 @@ pub struct ChosenPictures {
 }
 
 impl ChosenPictures {
-    /// Chooses between field and mesh; `None` where there are no validation views.
+    /// Chooses between field, which scored `field_validation`, and mesh; `None` where there are no validation views.
     ///
     /// # Errors
     /// [`Error::Cancelled`] where somebody wants it to end.
     pub(crate) fn new(
         field: &dyn Shader,
+        field_validation: Option<ViewMetrics>,
         mesh: Option<&dyn Shader>,
         views: &ViewSplit,
         cancellation: &Cancellation,
     ) -> Result<Option<Self>> {
-        let field = Self::of_surface(PicturesOf::Field, field, views, cancellation)?;
-        let mesh = match mesh {
-            Some(mesh) => Self::of_surface(PicturesOf::Mesh, mesh, views, cancellation)?,
-            None => None,
-        };
-        Ok(match (field, mesh) {
-            (Some(field), Some(mesh)) if mesh.validation.psnr - field.validation.psnr >= MIN_GAIN_DB => Some(mesh),
-            (field, _) => field,
-        })
+        let Some(validation) = field_validation else { return Ok(None) };
+        let plain = |of, validation| Self { of, view_color: ViewColor::none(), validation };
+        let field = plain(PicturesOf::Field, validation).with_view_color(field, views, cancellation)?;
+        let Some(mesh) = mesh else { return Ok(Some(field)) };
+        let Some(validation) = view_metrics(mesh, &views.validation, FIGURE_PIXELS) else { return Ok(Some(field)) };
+        let mesh = plain(PicturesOf::Mesh, validation).with_view_color(mesh, views, cancellation)?;
+        Ok(Some(if mesh.validation.psnr - field.validation.psnr >= MIN_GAIN_DB { mesh } else { field }))
     }
 
-    /// What `shader` shows, in colours that depend on the direction where these bring enough.
-    fn of_surface(
-        of: PicturesOf,
-        shader: &dyn Shader,
-        views: &ViewSplit,
-        cancellation: &Cancellation,
-    ) -> Result<Option<Self>> {
-        let figure = |shader: &dyn Shader| view_metrics(shader, &views.validation, FIGURE_PIXELS);
-        let Some(without) = figure(shader) else { return Ok(None) };
-        if let Some(view_color) = ViewColor::fit(shader, &views.train, cancellation)? {
-            let with = figure(&view_color.on(shader));
-            if let Some(validation) = with.filter(|with| with.psnr - without.psnr >= MIN_GAIN_DB) {
-                return Ok(Some(Self { of: of.with_view_color(), view_color, validation }));
-            }
-        }
-        Ok(Some(Self { of, view_color: ViewColor::none(), validation: without }))
+    /// In colours that depend on the direction, where these bring enough; `shader` shows it without.
+    fn with_view_color(self, shader: &dyn Shader, views: &ViewSplit, cancellation: &Cancellation) -> Result<Self> {
+        let Some(view_color) = ViewColor::fit(shader, &views.train, cancellation)? else { return Ok(self) };
+        let with = view_metrics(&view_color.on(shader), &views.validation, FIGURE_PIXELS);
+        Ok(match with.filter(|with| with.psnr - self.validation.psnr >= MIN_GAIN_DB) {
+            Some(validation) => Self { of: self.of.with_view_color(), view_color, validation },
+            None => self,
+        })
     }
 
     /// They against these views.
@@ -182,6 +173,11 @@ impl RunPictures {
                 Ok(mesh.map(|mesh| Self { view_color, mesh: Some(mesh.transformed(&mesh_to_object)) }))
             }
         }
+    }
+
+    /// The same surface in one colour from everywhere.
+    pub fn without_view_color(self) -> Self {
+        Self { view_color: ViewColor::none(), ..self }
     }
 
     /// What they show.

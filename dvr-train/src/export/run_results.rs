@@ -92,8 +92,11 @@ impl RunResults {
         let shown = spread(if views.test.is_empty() { &views.train } else { &views.test }, PREVIEW.0);
         // The sheet shows the mesh, which is what the user keeps, where there is one.
         let shader = model.shader(SAMPLES);
-        let mesh_shader = match &textured {
-            Some(textured) => Some(MeshShader::textured(&textured.mesh)),
+        // It is shown as its file has it, in the coordinates of the scene's files: far from their origin these are coarse.
+        let written = textured.as_ref().map(|textured| textured.mesh.clone().transformed(&to_export));
+        let written = written.map(|written| written.transformed(&to_export.inverse()));
+        let mesh_shader = match &written {
+            Some(written) => Some(MeshShader::textured(written)),
             None => mesh.as_ref().map(MeshShader::new),
         };
         let kept = mesh_shader.as_ref().map_or(shader.as_ref(), |shader| shader as &dyn Shader);
@@ -103,14 +106,10 @@ impl RunResults {
         let of_field = |views: &[&View]| view_metrics(shader.as_ref(), views, FIGURE_PIXELS);
         let (test, validation) = (of_field(&views.test), of_field(&views.validation));
         let cancellation = &options.extraction.cancellation;
-        // Vertices have about as many colours as the field. What is shown later was written in the coordinates of the files.
-        let written = textured
-            .as_ref()
-            .map(|textured| textured.mesh.clone().transformed(&to_export).transformed(&to_export.inverse()));
-        let written = written.as_ref().map(MeshShader::textured);
-        let with_texture = written.as_ref().map(|shader| shader as &dyn Shader);
+        // Vertices have about as many colours as the field.
+        let with_texture = written.is_some().then_some(kept);
         let pictures = match method.is_compact() {
-            true => ChosenPictures::new(shader.as_ref(), with_texture, &views, cancellation)?,
+            true => ChosenPictures::new(shader.as_ref(), validation, with_texture, &views, cancellation)?,
             false => None,
         };
         laps.done("view-dependent colour")?;
