@@ -64,7 +64,7 @@ impl TextureSettings {
 
 impl Default for TextureSettings {
     fn default() -> Self {
-        Self { size: TextureSize::Auto, largest_auto: *SIZES.end(), steps: 8, max_bytes: u64::MAX }
+        Self { size: TextureSize::Auto, largest_auto: *SIZES.end(), steps: 4, max_bytes: u64::MAX }
     }
 }
 
