@@ -82,8 +82,8 @@ impl Growth {
         self.stages
     }
 
-    /// Decides after a stage.
-    pub fn decide(&mut self, config: &GridConfig, now: Reached, ncc: NccOfPass) -> Verdict {
+    /// Decides after a stage; whether it is kept by what it gains over the stage before, unless it need not gain.
+    pub fn decide(&mut self, config: &GridConfig, now: Reached, ncc: NccOfPass, must_gain: bool) -> Verdict {
         let (Reached { cells, parameters, bytes, validation }, NccOfPass { mean, gain }) = (now, ncc);
         let mut metrics =
             validation.map_or(String::new(), |v| format!(", validation {:.2} dB, IoU {:.4}", v.psnr, v.mask_iou));
@@ -105,6 +105,7 @@ impl Growth {
         if let (Capacity::Auto { min_cells, min_gain_errors, min_gain_db, .. }, Some(before)) =
             (config.capacity, before)
             && cells > min_cells
+            && must_gain
         {
             let too_little = match (gain, before.validation, validation) {
                 (Some(gain), ..) if gain.mean < min_gain_errors * gain.error => Some(gain.to_string()),
@@ -172,12 +173,17 @@ mod tests {
 
     /// What is decided after a stage of 128 cells that follows one of 64, with this gain of NCC score and this PSNR.
     fn decided(gain: Option<Gain>, psnr: f64) -> (Verdict, String) {
+        decided_where(true, gain, psnr)
+    }
+
+    /// The same where the stage must gain, or need not.
+    fn decided_where(must_gain: bool, gain: Option<Gain>, psnr: f64) -> (Verdict, String) {
         let config = GridConfig::default();
         let metrics = |psnr| Some(ViewMetrics { psnr, mask_iou: 1.0, pixels: 1 });
         let reached = |cells, psnr| Reached { cells, parameters: 1, bytes: 1, validation: metrics(psnr) };
         let mut growth =
             Growth { max_cells: 256, stages: 4, reached: vec![reached(64, 20.0)], kept: None, notes: Vec::new() };
-        let verdict = growth.decide(&config, reached(128, psnr), NccOfPass { mean: Some(0.5), gain });
+        let verdict = growth.decide(&config, reached(128, psnr), NccOfPass { mean: Some(0.5), gain }, must_gain);
         (verdict, growth.notes().join("; "))
     }
 
@@ -210,5 +216,6 @@ mod tests {
         assert!(said.contains("64 cells are kept: 128 bring +0.0010 +- 0.0010 of NCC score"), "{said}");
         assert_eq!(decided(None, 25.0).0, Verdict::Grow);
         assert_eq!(decided(None, 20.01).0, Verdict::TakeBack);
+        assert_eq!(decided_where(false, gain(-0.01), 15.0).0, Verdict::Grow, "it opens hollows");
     }
 }

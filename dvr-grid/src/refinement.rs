@@ -26,6 +26,8 @@ const MIN_MATCHED_VIEWS: usize = 6;
 pub(crate) struct Refinement {
     masks: Vec<MaskDistance>,
     carving: Option<SpaceCarving>,
+    /// Cells from which on grids have the carving.
+    carved_from: usize,
     fused: Option<FusedDistance>,
     /// What stereo found before training, of each view.
     pub depths: Vec<StereoDepth>,
@@ -49,6 +51,7 @@ impl Refinement {
         let start = Self {
             masks,
             carving: None,
+            carved_from: 0,
             fused: None,
             depths: Vec::new(),
             cancellation: cancellation.clone(),
@@ -81,12 +84,25 @@ impl Refinement {
     /// Distance to the hull at every node, less what is carved, and the nodes at which the shape may change.
     fn hull(&self, grid: &VoxelGrid, config: &GridConfig) -> Result<(Vec<f32>, ActiveNodes), Cancelled> {
         let disagreeing = config.disagreeing_views.of(self.masks.len());
-        hull_start(&self.masks, grid, disagreeing, self.carving.as_ref(), self.fused.as_ref(), &self.cancellation)
+        let carving = self.carving.as_ref().filter(|_| grid.cells() >= self.carved_from);
+        hull_start(&self.masks, grid, disagreeing, carving, self.fused.as_ref(), &self.cancellation)
     }
 
     /// Whether photographs showed a good part of the hull to be empty.
     pub fn is_hollowed(&self) -> bool {
         self.carving.as_ref().is_some_and(SpaceCarving::is_hollow)
+    }
+
+    /// Leaves coarser grids than of this many cells whole, and takes mouths of hollows from a surface.
+    pub fn carve_from(&mut self, cells: usize, surface: &Grids) {
+        let values = surface.shape.values();
+        self.carved_from = cells;
+        self.carving = self.carving.take().map(|carving| carving.with_mouths_of(|point| values.value(point)));
+    }
+
+    /// Whether grids of this many cells are the first that have hollows, which coarser ones had not.
+    pub fn opens_hollows_at(&self, cells: usize) -> bool {
+        self.carving.is_some() && cells >= self.carved_from && cells / 2 < self.carved_from
     }
 
     /// The share of hollows that the surface leaves open to the outside.

@@ -343,7 +343,9 @@ impl<'a> GridTrainer<'a> {
             validation: self.validated(&grids.field(), GROWTH_PIXELS),
         };
         self.cancellation.check()?;
-        match self.growth.decide(&self.config, reached, ncc) {
+        // The NCC does not see into hollows, and a stage that opens them is not held against one without.
+        let must_gain = !self.refinement.opens_hollows_at(reached.cells);
+        match self.growth.decide(&self.config, reached, ncc, must_gain) {
             Verdict::Grow => {
                 let next = self.refinement.refined(&grids, &self.config);
                 let next = next.inspect_err(|_| self.growth.undecide())?;

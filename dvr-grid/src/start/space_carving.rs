@@ -5,7 +5,8 @@
 //! them votes: what lies before it is empty, what lies at it is solid (space carving: Kutulakos and Seitz 2000, by votes
 //! instead of by colour). The solid of least area that agrees with the votes, and explains the silhouettes, is kept; what
 //! is empty, leads to the outside, is deep, and is seen by pixels whose way to it is free, is carved away. Training finds
-//! the surface from there, and leaves the middle of hollows empty.
+//! the surface from there, and leaves the middle of hollows empty. Where a surface was trained for a look, it may say where
+//! the mouths of hollows are.
 
 use dvr_core::voxel::{VoxelGrid, least_area};
 use dvr_core::{Cancellation, Cancelled, signed_distance_at_nodes};
@@ -50,11 +51,20 @@ const MUCH_CARVED: f64 = 0.2;
 /// by about one.
 const STAYS_EMPTY: f32 = 1.2;
 
+/// How deep behind the hull, in spacings, the mouths of hollows are taken from a trained surface where there is one: votes
+/// miss about as much of the walls of what shines.
+const SKIN: f32 = 2.5;
+
 /// What is carved out of the hull, as a signed distance at the nodes of a grid, negative in what is carved.
 pub(crate) struct SpaceCarving {
     /// Carved nodes, as a share of those in the hull.
     share: f64,
     grid: VoxelGrid,
+    /// Distance to the hull, positive inside.
+    hull: Vec<f32>,
+    carved: Vec<bool>,
+    /// Nodes on rays that the first cut did not explain.
+    is_doubted: Vec<bool>,
     values: Vec<f32>,
     /// The same for what is known to be empty: what is carved and on no ray that the first cut did not explain, and all
     /// outside of the hull.
@@ -105,10 +115,33 @@ impl SpaceCarving {
         let carved = hollows(grid, hull, &solid, &seen);
         let count = carved.iter().filter(|&&carved| carved).count();
         let share = count as f64 / is_inside.iter().filter(|&&inside| inside).count().max(1) as f64;
-        let known_empty: Vec<bool> =
-            (0..grid.len()).map(|node| hull[node] <= 0.0 || carved[node] && !is_doubted[node]).collect();
-        let known_empty = distances(grid, &known_empty);
-        Ok((count > 0).then(|| Self { share, grid: *grid, values: distances(grid, &carved), known_empty }))
+        let start = Self {
+            share,
+            grid: *grid,
+            hull: hull.to_vec(),
+            carved: Vec::new(),
+            is_doubted,
+            values: Vec::new(),
+            known_empty: Vec::new(),
+        };
+        Ok((count > 0).then(|| start.with(carved)))
+    }
+
+    /// The same where these nodes are carved.
+    fn with(self, carved: Vec<bool>) -> Self {
+        let is_known = |node: usize| self.hull[node] <= 0.0 || carved[node] && !self.is_doubted[node];
+        let known_empty: Vec<bool> = (0..self.grid.len()).map(is_known).collect();
+        let known_empty = distances(&self.grid, &known_empty);
+        Self { values: distances(&self.grid, &carved), known_empty, carved, ..self }
+    }
+
+    /// Closes what was carved near the hull's surface and is solid in a field of this value at a point, positive inside.
+    pub fn with_mouths_of(self, value: impl Fn(Vec3) -> f32) -> Self {
+        let skin = SKIN * self.grid.spacing();
+        let stays =
+            |node: usize| self.carved[node] && (self.hull[node] > skin || value(self.grid.position(node)) < 0.0);
+        let carved = (0..self.grid.len()).map(stays).collect();
+        self.with(carved)
     }
 
     /// Pixels that call each node empty, of those whose way to their depth is free.
@@ -224,6 +257,37 @@ mod tests {
         // The bowl's axis is y, turned like this; its rim is at .18, its floor between -.18 and -.1.
         let turn = Quat::from_euler(EulerRot::XYZ, 0.5, 0.3, 0.2);
         [0.06, -0.15].map(|y| field.logit_at(turn * Vec3::new(0.0, y, 0.0)))
+    }
+
+    #[test]
+    fn mouths_are_where_the_surface_has_them_and_what_is_deep_stays_carved() {
+        let grid = VoxelGrid::new(17, 8.0);
+        let hull: Vec<f32> = (0..grid.len()).map(|node| 6.5 - grid.position(node).abs().max_element()).collect();
+        // A hollow with a mouth on top and a hole in its wall along x, each three nodes wide.
+        let is_carved = |at: Vec3| {
+            let is_hollow = at.abs().max_element() < 2.5;
+            let leads = |along: f32, [s, t]: [f32; 2]| along > 0.0 && along < 6.5 && s.abs().max(t.abs()) < 1.5;
+            is_hollow || leads(at.z, [at.x, at.y]) || leads(at.x, [at.y, at.z])
+        };
+        let none = vec![false; grid.len()];
+        let carving = SpaceCarving {
+            share: 0.3,
+            grid,
+            hull,
+            carved: Vec::new(),
+            is_doubted: none,
+            values: Vec::new(),
+            known_empty: Vec::new(),
+        };
+        let carving = carving.with((0..grid.len()).map(|node| is_carved(grid.position(node))).collect());
+        let value = |carving: &SpaceCarving, at: [f32; 3]| carving.at(at.into());
+        let (mouth, hole, hollow) = ([0.0, 0.0, 5.0], [5.0, 0.0, 0.0], [0.0; 3]);
+        assert!([mouth, hole, hollow].iter().all(|&at| value(&carving, at) < 0.0));
+        // Training has closed the hole, and filled what no pixel sees of the hollow.
+        let carving = carving.with_mouths_of(|at| if at.z > 3.0 { -1.0 } else { 1.0 });
+        assert!(value(&carving, mouth) < 0.0 && value(&carving, hollow) < 0.0);
+        assert!(value(&carving, hole) > 0.0, "{}", value(&carving, hole));
+        assert!(carving.stays_empty(Vec3::ZERO) && !carving.stays_empty(hole.into()));
     }
 
     #[test]

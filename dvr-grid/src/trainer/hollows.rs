@@ -5,6 +5,7 @@ use dvr_core::{Cancellation, View};
 use super::GridTrainer;
 use crate::config::{Capacity, GridConfig};
 use crate::error::Result;
+use crate::growth::Growth;
 use crate::refinement::Refinement;
 
 /// Steps after which the surface is looked at, at most.
@@ -13,8 +14,18 @@ const STEPS: usize = 300;
 /// Share of the hollows that must be open.
 const OPEN: f64 = 0.5;
 
+/// Cells from which on hollows are carved where colours do not count: patches alone do not hold the outside of walls
+/// that are thinner than two cells, and what is lost there no later stage brings back.
+const FINE: usize = 128;
+
+/// The cells of the first stage with [`FINE`] ones, of those from `first` up to `most` cells.
+fn fine_stage(first: usize, most: usize) -> Option<usize> {
+    std::iter::successors(Some(first), |cells| Some(2 * cells)).take_while(|&cells| cells <= most).find(|&c| c >= FINE)
+}
+
 impl<'a> GridTrainer<'a> {
-    /// Forgets what was carved out of the hull where training closes it again, and says so.
+    /// Forgets what was carved out of the hull where training closes it again, and says so. Where colours do not count,
+    /// what stays open waits for a fine stage.
     pub(super) fn without_closed_hollows(
         train: &[&'a View],
         config: &GridConfig,
@@ -32,9 +43,16 @@ impl<'a> GridTrainer<'a> {
             cancellation.check()?;
             trainer.step()?;
         }
-        let open = trainer.refinement.open_hollows(&*trainer.backend.grids()?);
-        let mut refinement = trainer.refinement;
+        let grids = trainer.backend.grids()?;
+        let open = trainer.refinement.open_hollows(&grids);
+        let (mut refinement, trust) = (trainer.refinement, trainer.agreement.trust());
         if open >= OPEN {
+            let most = Growth::plan(config, train).max_cells().min(config.whole_cells);
+            if trust == 0.0
+                && let Some(cells) = fine_stage(config.first_cells, most)
+            {
+                refinement.carve_from(cells, &grids);
+            }
             return Ok((refinement, None));
         }
         let share = 100.0 * refinement.forget_carving();
@@ -43,5 +61,18 @@ impl<'a> GridTrainer<'a> {
              the whole hull"
         );
         Ok((refinement, Some(note)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_fine_stage_is_one_that_training_comes_to() {
+        assert_eq!(fine_stage(32, 128), Some(128));
+        assert_eq!(fine_stage(48, 200), Some(192));
+        assert_eq!(fine_stage(256, 256), Some(256), "the first");
+        assert_eq!(fine_stage(32, 127), None);
     }
 }
