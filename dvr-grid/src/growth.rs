@@ -82,7 +82,7 @@ impl Growth {
         self.stages
     }
 
-    /// Decides after a stage; whether it is kept by what it gains over the stage before, unless it need not gain.
+    /// Decides after a stage. One that must gain is taken back where it gains too little over the stage before.
     pub fn decide(&mut self, config: &GridConfig, now: Reached, ncc: NccOfPass, must_gain: bool) -> Verdict {
         let (Reached { cells, parameters, bytes, validation }, NccOfPass { mean, gain }) = (now, ncc);
         let mut metrics =

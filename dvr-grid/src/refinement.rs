@@ -83,8 +83,18 @@ impl Refinement {
 
     /// Distance to the hull at every node, less what is carved, and the nodes at which the shape may change.
     fn hull(&self, grid: &VoxelGrid, config: &GridConfig) -> Result<(Vec<f32>, ActiveNodes), Cancelled> {
-        let disagreeing = config.disagreeing_views.of(self.masks.len());
         let carving = self.carving.as_ref().filter(|_| grid.cells() >= self.carved_from);
+        self.hull_less(carving, grid, config)
+    }
+
+    /// The same, less this carving.
+    fn hull_less(
+        &self,
+        carving: Option<&SpaceCarving>,
+        grid: &VoxelGrid,
+        config: &GridConfig,
+    ) -> Result<(Vec<f32>, ActiveNodes), Cancelled> {
+        let disagreeing = config.disagreeing_views.of(self.masks.len());
         hull_start(&self.masks, grid, disagreeing, carving, self.fused.as_ref(), &self.cancellation)
     }
 
@@ -93,16 +103,29 @@ impl Refinement {
         self.carving.as_ref().is_some_and(SpaceCarving::is_hollow)
     }
 
-    /// Leaves coarser grids than of this many cells whole, and takes mouths of hollows from a surface.
+    /// Carves only grids of so many cells or more, and takes the mouths of hollows from a trained surface.
     pub fn carve_from(&mut self, cells: usize, surface: &Grids) {
         let values = surface.shape.values();
         self.carved_from = cells;
-        self.carving = self.carving.take().map(|carving| carving.with_mouths_of(|point| values.value(point)));
+        self.carving = self.carving.take().and_then(|carving| carving.with_mouths_of(|point| values.value(point)));
     }
 
-    /// Whether grids of this many cells are the first that have hollows, which coarser ones had not.
+    /// The same with a hollow where points of the hull are carved, for tests.
+    #[cfg(test)]
+    pub fn hollowed(self, config: &GridConfig, is_carved: impl Fn(glam::Vec3) -> bool) -> Self {
+        let grid = padded_cube(CARVING_CELLS);
+        let (hull, _) = self.hull(&grid, config).unwrap();
+        Self { carving: Some(SpaceCarving::of(grid, hull, is_carved)), ..self }
+    }
+
+    /// Whether grids of this many cells are the first that are carved, and coarser ones were not.
     pub fn opens_hollows_at(&self, cells: usize) -> bool {
-        self.carving.is_some() && cells >= self.carved_from && cells / 2 < self.carved_from
+        cells >= self.carved_from && !self.is_carved_at(cells / 2)
+    }
+
+    /// Whether what is to be carved is carved in grids of this many cells.
+    pub fn is_carved_at(&self, cells: usize) -> bool {
+        self.carving.is_none() || cells >= self.carved_from
     }
 
     /// The share of hollows that the surface leaves open to the outside.
@@ -141,11 +164,36 @@ impl Refinement {
             let (shape, color) = (grids.shape.values().clone(), grids.color.values().clone());
             return self.on_frozen_base(grids, shape, color, config);
         }
-        let (base, active) = self.hull(&padded_cube(cells), config)?;
-        let shape = grids.shape.refined(active, &base);
+        let grid = padded_cube(cells);
+        let (base, active) = self.hull(&grid, config)?;
+        let mut shape = grids.shape.refined(active, &base);
+        if let Some(carving) = self.carving.as_ref().filter(|_| self.opens_hollows_at(cells)) {
+            self.open_hollows_of(&mut shape, &base, carving, config)?;
+        }
         let base = color::constant(self.mean_color).repeat((cells / config.color_coarseness + 1).pow(3));
         let color = grids.color.refined(coarsened(shape.active(), config.color_coarseness), &base);
         Ok(Grids { shape, color })
+    }
+
+    /// Carves a surface that was learned without hollows. The base of `shape` is carved; what was learned was added to one that
+    /// was not, and would be taken off twice.
+    fn open_hollows_of(
+        &self,
+        shape: &mut ShapeGrid,
+        base: &[f32],
+        carving: &SpaceCarving,
+        config: &GridConfig,
+    ) -> Result<(), Cancelled> {
+        let grid = *shape.grid();
+        let (whole, _) = self.hull_less(None, &grid, config)?;
+        let values = shape.values();
+        let lacking = |node: usize| {
+            let value = values.at(grid.coordinates(node))[0];
+            (whole[node] + value - base[node]).min(carving.at_thicker_walls(grid.position(node))) - value
+        };
+        let lacking: Vec<f32> = shape.active().iter().map(lacking).collect();
+        shape.add_to_finest(&lacking);
+        Ok(())
     }
 
     /// Grids of twice the cells that start from what was learned, `shape` and `color`, and only move what is near the

@@ -28,7 +28,7 @@ use crate::wrong_masks::leave_out_wrong_masks;
 /// Pixels of validation views that decide about growth.
 const GROWTH_PIXELS: usize = 30_000;
 
-/// Steps over which the step size of the shape rises to its full size where much was carved. Colours start out the same
+/// Steps over which the step size of the shape rises to its full size where it starts with much carved. Colours start out the same
 /// everywhere: until they are learned, they would close a hollow that is right.
 const WARM_UP: usize = 50;
 
@@ -314,7 +314,8 @@ impl<'a> GridTrainer<'a> {
 
     /// Factor of the step size of the shape: rises to one.
     fn warm_up(&self) -> f64 {
-        if self.refinement.is_hollowed() { ((self.step + 1) as f64 / WARM_UP as f64).min(1.0) } else { 1.0 }
+        let is_hollow = self.refinement.is_hollowed() && self.refinement.is_carved_at(self.config.first_cells);
+        if is_hollow { ((self.step + 1) as f64 / WARM_UP as f64).min(1.0) } else { 1.0 }
     }
 
     /// Ends a pass: that of a stage, or one that followed at the size that is kept.
@@ -343,8 +344,8 @@ impl<'a> GridTrainer<'a> {
             validation: self.validated(&grids.field(), GROWTH_PIXELS),
         };
         self.cancellation.check()?;
-        // The NCC does not see into hollows, and a stage that opens them is not held against one without.
-        let must_gain = !self.refinement.opens_hollows_at(reached.cells);
+        // The NCC does not see into hollows: no stage is taken back to one without them.
+        let must_gain = self.refinement.is_carved_at(reached.cells / 2);
         match self.growth.decide(&self.config, reached, ncc, must_gain) {
             Verdict::Grow => {
                 let next = self.refinement.refined(&grids, &self.config);

@@ -149,6 +149,16 @@ impl<const C: usize> MultiResGrid<C> {
         refined
     }
 
+    /// Adds to the parameters of the finest level, `C` numbers per active node.
+    pub fn add_to_finest(&mut self, by: &[f32]) {
+        let last = self.levels.len() - 1;
+        let Level { active, layout, parameters, .. } = &mut self.levels[last];
+        let by = layout.rows_of::<C>(active, by);
+        let parameters = parameters.as_flattened_mut().as_flattened_mut();
+        parameters.iter_mut().zip(by.as_flattened().as_flattened()).for_each(|(parameter, by)| *parameter += by);
+        self.descend(None::<fn(usize) -> f32>);
+    }
+
     /// What earlier stages learned, of levels on a frozen base; see [`BrickValues::learned`].
     pub fn learned(&self) -> Option<Vec<f32>> {
         self.values.coarser().map(|coarser| coarser.learned())

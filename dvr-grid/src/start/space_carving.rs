@@ -9,7 +9,7 @@
 //! the mouths of hollows are.
 
 use dvr_core::voxel::{VoxelGrid, least_area};
-use dvr_core::{Cancellation, Cancelled, signed_distance_at_nodes};
+use dvr_core::{Cancellation, Cancelled, flood, signed_distance_at_nodes};
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -51,13 +51,13 @@ const MUCH_CARVED: f64 = 0.2;
 /// by about one.
 const STAYS_EMPTY: f32 = 1.2;
 
-/// How deep behind the hull, in spacings, the mouths of hollows are taken from a trained surface where there is one: votes
-/// miss about as much of the walls of what shines.
+/// How deep behind the hull, in spacings, a trained surface says where the mouths of hollows are: about as deep, votes
+/// misjudge the walls of what shines.
 const SKIN: f32 = 2.5;
 
 /// What is carved out of the hull, as a signed distance at the nodes of a grid, negative in what is carved.
 pub(crate) struct SpaceCarving {
-    /// Carved nodes, as a share of those in the hull.
+    /// Nodes that the votes carved, as a share of those in the hull.
     share: f64,
     grid: VoxelGrid,
     /// Distance to the hull, positive inside.
@@ -115,16 +115,19 @@ impl SpaceCarving {
         let carved = hollows(grid, hull, &solid, &seen);
         let count = carved.iter().filter(|&&carved| carved).count();
         let share = count as f64 / is_inside.iter().filter(|&&inside| inside).count().max(1) as f64;
-        let start = Self {
-            share,
-            grid: *grid,
-            hull: hull.to_vec(),
-            carved: Vec::new(),
-            is_doubted,
-            values: Vec::new(),
-            known_empty: Vec::new(),
-        };
-        Ok((count > 0).then(|| start.with(carved)))
+        Ok((count > 0).then(|| Self::start(share, *grid, hull.to_vec(), is_doubted).with(carved)))
+    }
+
+    /// Nothing carved yet.
+    fn start(share: f64, grid: VoxelGrid, hull: Vec<f32>, is_doubted: Vec<bool>) -> Self {
+        Self { share, grid, hull, is_doubted, carved: Vec::new(), values: Vec::new(), known_empty: Vec::new() }
+    }
+
+    /// A hollow where points are carved, for tests.
+    #[cfg(test)]
+    pub fn of(grid: VoxelGrid, hull: Vec<f32>, is_carved: impl Fn(Vec3) -> bool) -> Self {
+        let carved = (0..grid.len()).map(|node| hull[node] > 0.0 && is_carved(grid.position(node))).collect();
+        Self::start(2.0 * MUCH_CARVED, grid, hull, vec![false; grid.len()]).with(carved)
     }
 
     /// The same where these nodes are carved.
@@ -135,13 +138,20 @@ impl SpaceCarving {
         Self { values: distances(&self.grid, &carved), known_empty, carved, ..self }
     }
 
-    /// Closes what was carved near the hull's surface and is solid in a field of this value at a point, positive inside.
-    pub fn with_mouths_of(self, value: impl Fn(Vec3) -> f32) -> Self {
-        let skin = SKIN * self.grid.spacing();
-        let stays =
-            |node: usize| self.carved[node] && (self.hull[node] > skin || value(self.grid.position(node)) < 0.0);
-        let carved = (0..self.grid.len()).map(stays).collect();
-        self.with(carved)
+    /// The same where carved nodes near the hull's surface are solid again that are solid in a field of this value at a
+    /// point, positive inside; `None` where then no hollow leads to the outside.
+    pub fn with_mouths_of(self, value: impl Fn(Vec3) -> f32) -> Option<Self> {
+        let (grid, hull) = (&self.grid, &self.hull);
+        let skin = SKIN * grid.spacing();
+        let stays = |node: usize| self.carved[node] && (hull[node] > skin || value(grid.position(node)) < 0.0);
+        let mut left: Vec<bool> = (0..grid.len()).map(stays).collect();
+        let mut carved = vec![false; grid.len()];
+        for start in 0..grid.len() {
+            if left[start] && grid.neighbours(start).any(|next| hull[next] <= 0.0) {
+                flood(start, &mut left, |node| grid.neighbours(node)).into_iter().for_each(|node| carved[node] = true);
+            }
+        }
+        carved.contains(&true).then(|| self.with(carved))
     }
 
     /// Pixels that call each node empty, of those whose way to their depth is free.
@@ -192,6 +202,12 @@ impl SpaceCarving {
     /// The value at a point; large where nothing is carved nearby.
     pub fn at(&self, point: Vec3) -> f32 {
         self.grid.value(&self.values, point)
+    }
+
+    /// The same where walls are a spacing thicker, about as much as votes misplace them: training finds a wall that is too
+    /// thick, and loses the outside of one that is too thin.
+    pub fn at_thicker_walls(&self, point: Vec3) -> f32 {
+        self.at(point) + self.grid.spacing()
     }
 }
 
@@ -269,25 +285,16 @@ mod tests {
             let leads = |along: f32, [s, t]: [f32; 2]| along > 0.0 && along < 6.5 && s.abs().max(t.abs()) < 1.5;
             is_hollow || leads(at.z, [at.x, at.y]) || leads(at.x, [at.y, at.z])
         };
-        let none = vec![false; grid.len()];
-        let carving = SpaceCarving {
-            share: 0.3,
-            grid,
-            hull,
-            carved: Vec::new(),
-            is_doubted: none,
-            values: Vec::new(),
-            known_empty: Vec::new(),
-        };
-        let carving = carving.with((0..grid.len()).map(|node| is_carved(grid.position(node))).collect());
+        let carving = SpaceCarving::of(grid, hull, is_carved);
         let value = |carving: &SpaceCarving, at: [f32; 3]| carving.at(at.into());
         let (mouth, hole, hollow) = ([0.0, 0.0, 5.0], [5.0, 0.0, 0.0], [0.0; 3]);
         assert!([mouth, hole, hollow].iter().all(|&at| value(&carving, at) < 0.0));
         // Training has closed the hole, and filled what no pixel sees of the hollow.
-        let carving = carving.with_mouths_of(|at| if at.z > 3.0 { -1.0 } else { 1.0 });
+        let carving = carving.with_mouths_of(|at| if at.z > 3.0 { -1.0 } else { 1.0 }).unwrap();
         assert!(value(&carving, mouth) < 0.0 && value(&carving, hollow) < 0.0);
         assert!(value(&carving, hole) > 0.0, "{}", value(&carving, hole));
         assert!(carving.stays_empty(Vec3::ZERO) && !carving.stays_empty(hole.into()));
+        assert!(carving.with_mouths_of(|_| 1.0).is_none(), "a void that nothing leads to");
     }
 
     #[test]

@@ -14,18 +14,18 @@ const STEPS: usize = 300;
 /// Share of the hollows that must be open.
 const OPEN: f64 = 0.5;
 
-/// Cells from which on hollows are carved where colours do not count: patches alone do not hold the outside of walls
+/// Cells from which on hollows are carved where views hardly agree on colours: patches alone do not hold the outside of walls
 /// that are thinner than two cells, and what is lost there no later stage brings back.
 const FINE: usize = 128;
 
-/// The cells of the first stage with [`FINE`] ones, of those from `first` up to `most` cells.
+/// The cells of the first stage that has at least [`FINE`], of those from `first` up to `most` cells.
 fn fine_stage(first: usize, most: usize) -> Option<usize> {
     std::iter::successors(Some(first), |cells| Some(2 * cells)).take_while(|&cells| cells <= most).find(|&c| c >= FINE)
 }
 
 impl<'a> GridTrainer<'a> {
-    /// Forgets what was carved out of the hull where training closes it again, and says so. Where colours do not count,
-    /// what stays open waits for a fine stage.
+    /// Forgets what was carved out of the hull where training closes it again, and says so. Where views hardly
+    /// agree on colours, what stays open waits for a fine stage.
     pub(super) fn without_closed_hollows(
         train: &[&'a View],
         config: &GridConfig,
@@ -45,15 +45,18 @@ impl<'a> GridTrainer<'a> {
         }
         let grids = trainer.backend.grids()?;
         let open = trainer.refinement.open_hollows(&grids);
-        let (mut refinement, trust) = (trainer.refinement, trainer.agreement.trust());
+        let shines = trainer.agreement.shine() > 0.0;
+        let mut refinement = trainer.refinement;
         if open >= OPEN {
-            let most = Growth::plan(config, train).max_cells().min(config.whole_cells);
-            if trust == 0.0
-                && let Some(cells) = fine_stage(config.first_cells, most)
-            {
-                refinement.carve_from(cells, &grids);
-            }
-            return Ok((refinement, None));
+            let most = Growth::plan(config, train).max_cells().min(config.whole_cells).max(config.first_cells);
+            // With a bound on its bytes a run may end before that stage.
+            let waits = shines && config.max_bytes == 0;
+            let Some(cells) = fine_stage(config.first_cells, most).filter(|_| waits) else {
+                return Ok((refinement, None));
+            };
+            refinement.carve_from(cells, &grids);
+            let note = format!("views hardly agree on colours: hollows of the visual hull open at {cells} cells");
+            return Ok((refinement, Some(note)));
         }
         let share = 100.0 * refinement.forget_carving();
         let note = format!(

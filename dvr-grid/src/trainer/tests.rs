@@ -74,6 +74,89 @@ fn a_run_goes_on_from_any_step_as_if_it_had_not_stopped() {
     }
 }
 
+#[test]
+fn hollows_that_wait_open_at_their_stage_and_a_run_goes_on_from_any_step() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = rendered(folder.path(), shapes::icosphere(3, 1.0), 64);
+    let views: Vec<&View> = scene.views.iter().collect();
+    // Whole stages of 8, 16 and 32 cells, and one of 64 near the surface. Each must gain what none can.
+    let config = GridConfig {
+        steps: 3,
+        first_cells: 8,
+        whole_cells: 32,
+        coarsest_cells: 4,
+        color_coarseness: 1,
+        shape_rate: 1e-4,
+        capacity: Capacity::Auto { min_cells: 8, max_cells: 64, min_gain_errors: 1e9, min_gain_db: 1e9 },
+        further_passes: 0,
+        ..GridConfig::default()
+    };
+    let cancellation = Cancellation::default();
+    // A bore from the middle of the ball to the top, and a hole beside it that the surface does not have.
+    let is_bore = |at: glam::Vec3| at.z > -0.1 && at.truncate().length() < 0.2;
+    let is_hole = |at: glam::Vec3| at.x > 0.0 && (at.y * at.y + at.z * at.z).sqrt() < 0.08;
+    let refinement = || {
+        let masks = mask_distances(&views, &cancellation).unwrap();
+        // Too few views for stereo and a sweep.
+        let whole = || Refinement::new(masks.clone(), &views[..2], &config, &cancellation).unwrap();
+        let fine = GridConfig { first_cells: 32, ..config.clone() };
+        let surface = whole().hollowed(&config, is_bore).first(&fine).unwrap();
+        let mut late = whole().hollowed(&config, |at| is_bore(at) || is_hole(at));
+        late.carve_from(32, &surface);
+        late
+    };
+    // What was learned before is not taken off walls of the hollow: it was learned of the hull.
+    let wall = |learned: f32| {
+        let coarse = GridConfig { first_cells: 16, ..config.clone() };
+        let mut grids = refinement().first(&coarse).unwrap();
+        grids.shape.add_to_finest(&vec![learned; grids.shape.active().count()]);
+        refinement().refined(&grids, &config).unwrap().shape.values().value(glam::Vec3::new(0.25, 0.0, 0.1))
+    };
+    assert!(wall(0.0) > 0.0 && (wall(0.0) - wall(-0.05)).abs() < 1e-3, "{} {}", wall(0.0), wall(-0.05));
+    let start = || {
+        let views = views.clone();
+        GridTrainer::begin(
+            views[..6].to_vec(),
+            views[6..].to_vec(),
+            config.clone(),
+            refinement(),
+            Vec::new(),
+            &cancellation,
+        )
+        .unwrap()
+    };
+    let mut unbroken = start();
+    let mut states = Vec::new();
+    let mut last_whole = None;
+    while !unbroken.finished {
+        unbroken.step().unwrap();
+        states.push(unbroken.state().unwrap());
+        let (cells, field) = (unbroken.backend.grids().unwrap().cells(), unbroken.field().unwrap());
+        let at = |x: f32, z: f32| field.logit_at(glam::Vec3::new(x, 0.0, z));
+        let (hollow, mouth, hole) = (at(0.0, 0.1), at(0.0, 0.44), at(0.45, 0.0));
+        assert_eq!(hollow < 0.0 && mouth < 0.0, cells >= 32, "{cells} cells: {hollow} {mouth}");
+        assert!(at(0.0, -0.3) > 0.0 && (cells < 32 || hole > 0.0), "{cells} cells: {hole}");
+        if cells < 32 {
+            last_whole = Some(field);
+        } else if let Some(before) = last_whole.take() {
+            // Away from the hollow, opening it moves nothing of what was learned, but for the hull's detail.
+            for at in [[-0.4, 0.0, 0.0], [0.0, 0.42, -0.1], [0.2, -0.3, -0.2]].map(glam::Vec3::from) {
+                assert!((field.logit_at(at) - before.logit_at(at)).abs() < 0.01, "{at}");
+            }
+        }
+    }
+    // That of 64 cells does not gain, and is taken back to one with the hollow.
+    assert_eq!((states.len(), unbroken.backend.grids().unwrap().cells()), (12, 32));
+    let last = states.last().unwrap();
+    for (done, state) in states.iter().enumerate().map(|(i, state)| (i + 1, state)) {
+        let mut resumed = start();
+        resumed.resume(state, done).unwrap();
+        (done..12).for_each(|_| drop(resumed.step().unwrap()));
+        let end = resumed.state().unwrap();
+        assert!(end.model == last.model && end.training == last.training, "from step {done}, bit for bit");
+    }
+}
+
 /// A ball whose photographs are noise, dark in one and bright in the next: patches judge, and colours do not agree.
 fn noisy(folder: &Path) -> dvr_core::Scene {
     let mut scene = rendered(folder, shapes::icosphere(3, 1.0), 40);
