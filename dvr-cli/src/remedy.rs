@@ -2,7 +2,7 @@
 //!
 //! Libraries say what was found and what was expected, in their own terms. Sentences that name flags, commands or
 //! environment variables live here alone. One function per error type; variants that hold another library's error pass
-//! it on. A new remedy is one arm and, in `tests/bad_input.rs`, one assertion.
+//! it on. A new remedy is one arm and, in `tests/suite/bad_input.rs`, one assertion.
 
 use dvr_core::OutputError;
 use dvr_core::files::FolderKind;

@@ -1,0 +1,7 @@
+//! Files, datasets and meshes, through the public functions.
+
+mod mask_exactness;
+mod mesh_files;
+mod region_of_interest;
+mod synthetic_datasets;
+mod textured_mesh_files;
