@@ -7,6 +7,8 @@
 //! lose goes to the patch NCC, which is blind to exposure, and to smoothness. Where still fewer agree, the object shines,
 //! and the patch NCC leaves out its highlights.
 
+use std::ops::Range;
+
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -21,6 +23,9 @@ use crate::views::{PixelRay, TrainingView};
 
 /// Pixels that a measurement asks.
 const PIXELS: u64 = 4096;
+
+/// How many times as many a measurement asks that counts a part of the surface only.
+const PARTS: u64 = 8;
 
 /// With fewer answers than this, nothing is known: all is outline, as of what is a pixel or two thin.
 const FEWEST: usize = 100;
@@ -83,40 +88,65 @@ pub(crate) fn agreement(
     config: &GridConfig,
     rays_drawn: u64,
 ) -> Agreement {
+    let found = differences(grids, views, order, config, rays_drawn..rays_drawn + PIXELS);
+    if found.len() < FEWEST {
+        return Agreement::FULL;
+    }
+    let agreeing = found.iter().filter(|(_, difference)| *difference < AGREES).count();
+    Agreement(agreeing as f64 / found.len() as f64)
+}
+
+/// The mean difference in colour, summed over the channels, between views of those points of a surface that `is_asked` says;
+/// `None` where there is little to compare.
+pub(crate) fn difference_where(
+    grids: &Grids,
+    views: &[TrainingView],
+    order: &PixelOrder,
+    config: &GridConfig,
+    is_asked: impl Fn(Vec3) -> bool,
+) -> Option<f32> {
+    let found = differences(grids, views, order, config, 0..PARTS * PIXELS);
+    let asked: Vec<f32> = found.into_iter().filter(|(point, _)| is_asked(*point)).map(|(_, found)| found).collect();
+    (asked.len() >= FEWEST).then(|| asked.iter().sum::<f32>() / asked.len() as f32)
+}
+
+/// Points where the rays with these numbers meet a surface, with how far the colours of other views differ there.
+fn differences(
+    grids: &Grids,
+    views: &[TrainingView],
+    order: &PixelOrder,
+    config: &GridConfig,
+    rays: Range<u64>,
+) -> Vec<(Vec3, f32)> {
     let occupancy = BrickOccupancy::new(grids.shape.values());
     let surface = Surface::of(grids.shape.values(), &occupancy);
-    let ask = |count: u64| {
-        let DrawnRay { view, pixel, seed } = draw(order, config.seed, rays_drawn + count);
+    let ask = |ray: u64| {
+        let DrawnRay { view, pixel, seed } = draw(order, config.seed, ray);
         let own = &views[view as usize];
         let pixel = own.pixel_ray(view, pixel);
         let others = compared(&own.neighbours, config.compared_views, seed).map(|other| &views[other as usize]);
         // Pixels at the outline are part background.
         if own.is_interior(pixel.pixel) { color_difference(&surface, own, &pixel, others) } else { None }
     };
-    let found: Vec<f32> = (0..PIXELS).into_par_iter().filter_map(ask).collect();
-    if found.len() < FEWEST {
-        return Agreement::FULL;
-    }
-    let agreeing = found.iter().filter(|&&difference| difference < AGREES).count();
-    Agreement(agreeing as f64 / found.len() as f64)
+    rays.into_par_iter().filter_map(ask).collect()
 }
 
 /// How far other views differ in colour from a pixel at its hit, summed over the channels: their mean. Compared are
 /// ranges of colours around the pixels, which does not see what is misplaced by a pixel (after Birchfield and Tomasi
-/// 1998). `None` where nothing is hit or none sees it.
+/// 1998). With the hit itself; `None` where nothing is hit or none sees it.
 fn color_difference<'a>(
     surface: &Surface,
     own: &TrainingView,
     pixel: &PixelRay,
     others: impl Iterator<Item = &'a TrainingView<'a>>,
-) -> Option<f32> {
+) -> Option<(Vec3, f32)> {
     let at = surface.hit(own, pixel.direction)?;
     let [low, high] = own.color_range(pixel.pixel, AROUND)?;
     let gap = |[least, greatest]: [Vec3; 2]| (low - greatest).max(least - high).max(Vec3::ZERO).element_sum();
     let seen = others
         .filter_map(|view| view.color_range_at(at.point, AROUND).filter(|_| surface.is_seen_by(&at, view)).map(gap));
     let (sum, count) = seen.fold((0.0, 0), |(sum, count), gap| (sum + gap, count + 1));
-    (count > 0).then(|| sum / count as f32)
+    (count > 0).then(|| (at.point, sum / count as f32))
 }
 
 impl GridLosses {
@@ -156,6 +186,18 @@ mod tests {
         fixture.views[1].exposure = Exposure::from_logs([0.3; 3]);
         let changed = trust(&fixture);
         assert!(changed < 0.1, "{changed}");
+    }
+
+    #[test]
+    fn views_differ_in_colour_where_the_surface_is_not_and_only_what_is_asked_counts() {
+        // Speckles on a ball of radius .3, and a surface like that of a hull that closes a mouth.
+        let difference = |radius: f32, is_asked: fn(Vec3) -> bool| {
+            let Fixture { grids, views, order, config, .. } = Fixture::speckled_ball(radius, GridLosses::default());
+            difference_where(&grids, &views, &order, &config, is_asked)
+        };
+        let [right, wrong] = [0.3, 0.4].map(|radius| difference(radius, |at| at.x > 0.0).unwrap());
+        assert!(right < 0.1 * wrong, "{right} {wrong}");
+        assert_eq!(difference(0.4, |at| at.x > 10.0), None);
     }
 
     #[test]

@@ -6,6 +6,7 @@ use dvr_core::hull::MaskDistance;
 use dvr_core::metrics::depth_maps::StereoDepth;
 use dvr_core::voxel::VoxelGrid;
 use dvr_core::{Cancellation, Cancelled, UnitCube, View};
+use glam::Vec3;
 
 use crate::active::ActiveNodes;
 use crate::bricks::{BrickValues, near_refined_surface};
@@ -98,6 +99,11 @@ impl Refinement {
         hull_start(&self.masks, grid, disagreeing, carving, self.fused.as_ref(), &self.cancellation)
     }
 
+    /// Whether a point of the hull is carved.
+    pub fn is_carved(&self, point: Vec3) -> bool {
+        self.carving.as_ref().is_some_and(|carving| carving.at(point) < 0.0)
+    }
+
     /// Whether photographs showed a good part of the hull to be empty.
     pub fn is_hollowed(&self) -> bool {
         self.carving.as_ref().is_some_and(SpaceCarving::is_hollow)
@@ -112,7 +118,7 @@ impl Refinement {
 
     /// The same with a hollow where points of the hull are carved, for tests.
     #[cfg(test)]
-    pub fn hollowed(self, config: &GridConfig, is_carved: impl Fn(glam::Vec3) -> bool) -> Self {
+    pub fn hollowed(self, config: &GridConfig, is_carved: impl Fn(Vec3) -> bool) -> Self {
         let grid = padded_cube(CARVING_CELLS);
         let (hull, _) = self.hull(&grid, config).unwrap();
         Self { carving: Some(SpaceCarving::of(grid, hull, is_carved)), ..self }
@@ -148,8 +154,16 @@ impl Refinement {
     /// The grids of the first stage.
     pub fn first(&self, config: &GridConfig) -> Result<Grids, Cancelled> {
         let grid = padded_cube(config.first_cells);
-        let (base, active) = self.hull(&grid, config)?;
-        let coarser = (grid.cells() / config.coarsest_cells).ilog2() as usize;
+        self.first_of(self.hull(&grid, config)?, config)
+    }
+
+    /// The same of the whole hull, whatever is carved out of it.
+    pub fn first_of_whole_hull(&self, config: &GridConfig) -> Result<Grids, Cancelled> {
+        self.first_of(self.hull_less(None, &padded_cube(config.first_cells), config)?, config)
+    }
+
+    fn first_of(&self, (base, active): (Vec<f32>, ActiveNodes), config: &GridConfig) -> Result<Grids, Cancelled> {
+        let coarser = (active.grid().cells() / config.coarsest_cells).ilog2() as usize;
         let shape = ShapeGrid::new(active, &base, coarser);
         let active = coarsened(shape.active(), config.color_coarseness);
         let base = color::constant(self.mean_color).repeat(active.grid().len());
