@@ -107,11 +107,13 @@ impl Growth {
             && cells > min_cells
             && must_gain
         {
-            let too_little = match (gain, before.validation, validation) {
-                (Some(gain), ..) if gain.mean < min_gain_errors * gain.error => Some(gain.to_string()),
-                (None, Some(old), Some(new)) if new.psnr - old.psnr < min_gain_db => {
-                    Some(format!("{:+.2} dB", new.psnr - old.psnr))
-                }
+            let brought = before.validation.zip(validation).map(|(old, new)| new.psnr - old.psnr);
+            let is_better_picture = brought.is_some_and(|brought| brought >= min_gain_db);
+            let too_little = match gain {
+                // A better picture counts where the shape is no worse.
+                Some(gain) if is_better_picture && gain.mean > -min_gain_errors.abs() * gain.error => None,
+                Some(gain) if gain.mean < min_gain_errors * gain.error => Some(gain.to_string()),
+                None if !is_better_picture => brought.map(|brought| format!("{brought:+.2} dB")),
                 _ => None,
             };
             if let Some(gain) = too_little {
@@ -208,14 +210,16 @@ mod tests {
     }
 
     #[test]
-    fn the_ncc_decides_and_psnr_only_where_there_is_none() {
+    fn the_ncc_decides_and_psnr_where_the_ncc_sees_no_difference_or_there_is_none() {
         let gain = |mean| Some(Gain { mean, error: 0.001 });
         assert_eq!(decided(gain(0.01), 15.0).0, Verdict::Grow, "a worse picture of a better shape");
-        let (verdict, said) = decided(gain(0.001), 25.0);
-        assert_eq!(verdict, Verdict::TakeBack, "a better picture of no better shape");
-        assert!(said.contains("64 cells are kept: 128 bring +0.0010 +- 0.0010 of NCC score"), "{said}");
+        assert_eq!(decided(gain(-0.001), 25.0).0, Verdict::Grow, "a better picture of a shape that is no worse");
+        assert_eq!(decided(gain(0.001), 20.01).0, Verdict::TakeBack, "neither is better");
+        let (verdict, said) = decided(gain(-0.003), 25.0);
+        assert_eq!(verdict, Verdict::TakeBack, "a better picture of a worse shape");
+        assert!(said.contains("64 cells are kept: 128 bring -0.0030 +- 0.0010 of NCC score"), "{said}");
         assert_eq!(decided(None, 25.0).0, Verdict::Grow);
         assert_eq!(decided(None, 20.01).0, Verdict::TakeBack);
-        assert_eq!(decided_where(false, gain(-0.01), 15.0).0, Verdict::Grow, "it opens hollows");
+        assert_eq!(decided_where(false, gain(-0.01), 15.0).0, Verdict::Grow, "nothing judges it");
     }
 }

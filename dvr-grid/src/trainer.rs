@@ -344,8 +344,9 @@ impl<'a> GridTrainer<'a> {
             validation: self.validated(&grids.field(), GROWTH_PIXELS),
         };
         self.cancellation.check()?;
-        // The NCC does not see into hollows: no stage is taken back to one without them.
-        let must_gain = self.refinement.is_carved_at(reached.cells / 2);
+        // The NCC does not see into hollows: no stage is taken back to one without them. Where views hardly agree on
+        // colours, highlights say more of it than the shape does.
+        let must_gain = self.refinement.is_carved_at(reached.cells / 2) && self.agreement.shine() == 0.0;
         match self.growth.decide(&self.config, reached, ncc, must_gain) {
             Verdict::Grow => {
                 let next = self.refinement.refined(&grids, &self.config);
