@@ -8,8 +8,8 @@ use crate::export::mesh::MeshOptions;
 use crate::methods::method::Method;
 
 /// Bytes that the program itself takes, with its threads and libraries: about 95 MB in the profile of tests, some less
-/// in release.
-const PROGRAM: u64 = 120_000_000;
+/// in release. On a machine that does other things, too, the allocator gives back later: up to 20 MB more were measured.
+const PROGRAM: u64 = 140_000_000;
 
 /// Bytes of a face of a mesh that gets a texture, as an extraction counts them: as it is read, in charts, and as it is
 /// written.
