@@ -77,16 +77,18 @@ pub struct GridConfig {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Capacity {
-    /// Twice the cells again while the NCC of validation photographs with training photographs gains, and cells are larger
-    /// than half the footprint of a pixel; at most `max_cells`. Where these photographs are plain, their PSNR decides.
+    /// Twice the cells again while the NCC of validation photographs with training photographs gains, or is no worse and
+    /// their PSNR gains, and cells are larger than half the footprint of a pixel; at most `max_cells`. Where these photographs
+    /// are plain, PSNR alone decides; where views hardly agree on colours, nothing is taken back.
     Auto {
         /// Cells along an edge up to which growth is never taken back: the PSNR of a few views is too noisy.
         min_cells: usize,
         /// Most cells along an edge.
         max_cells: usize,
-        /// Gain in NCC score below which growth is taken back, in standard errors of that gain.
+        /// Gain in NCC score below which growth is taken back that pictures do not gain by either, in standard errors of that
+        /// gain.
         min_gain_errors: f64,
-        /// Gain in PSNR on validation views below which growth is taken back where these photographs are plain, dB.
+        /// Gain in PSNR on validation views from which on growth is kept where the NCC is no worse, or is not known, dB.
         min_gain_db: f64,
     },
     /// This many cells along an edge, whatever it brings.

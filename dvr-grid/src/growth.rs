@@ -12,8 +12,8 @@ use dvr_render::ViewMetrics;
 /// A cell that is smaller than this share of a pixel's footprint cannot show more than the pictures do.
 const FINEST_CELL: f64 = 0.5;
 
-/// Gain in NCC score from which on a further pass is kept where the number of cells is given, in standard errors of that
-/// gain.
+/// Gain in NCC score from which on a further pass is kept where the number of cells is given, and loss from which on a stage
+/// has the worse shape, in standard errors.
 const MIN_GAIN_ERRORS: f64 = 2.0;
 
 /// What a stage came to.
@@ -111,8 +111,10 @@ impl Growth {
             let is_better_picture = brought.is_some_and(|brought| brought >= min_gain_db);
             let too_little = match gain {
                 // A better picture counts where the shape is no worse.
-                Some(gain) if is_better_picture && gain.mean > -min_gain_errors.abs() * gain.error => None,
-                Some(gain) if gain.mean < min_gain_errors * gain.error => Some(gain.to_string()),
+                Some(gain) if is_better_picture && gain.mean > -MIN_GAIN_ERRORS * gain.error => None,
+                Some(gain) if gain.mean < min_gain_errors * gain.error => {
+                    Some(brought.map_or(gain.to_string(), |brought| format!("{gain} and {brought:+.2} dB")))
+                }
                 None if !is_better_picture => brought.map(|brought| format!("{brought:+.2} dB")),
                 _ => None,
             };
@@ -217,7 +219,7 @@ mod tests {
         assert_eq!(decided(gain(0.001), 20.01).0, Verdict::TakeBack, "neither is better");
         let (verdict, said) = decided(gain(-0.003), 25.0);
         assert_eq!(verdict, Verdict::TakeBack, "a better picture of a worse shape");
-        assert!(said.contains("64 cells are kept: 128 bring -0.0030 +- 0.0010 of NCC score"), "{said}");
+        assert!(said.contains("64 cells are kept: 128 bring -0.0030 +- 0.0010 of NCC score and +5.00 dB"), "{said}");
         assert_eq!(decided(None, 25.0).0, Verdict::Grow);
         assert_eq!(decided(None, 20.01).0, Verdict::TakeBack);
         assert_eq!(decided_where(false, gain(-0.01), 15.0).0, Verdict::Grow, "nothing judges it");

@@ -3,7 +3,8 @@
 //! The field is an occupancy logit and a colour, interpolated between the nodes of two grids. It starts from the visual
 //! hull, with hollows carved where a plane sweep shows them. Rays meet its surface exactly, at the first root of the
 //! cubic that a trilinear cell is along a ray; the gradients of all losses are analytic, and move parameters on nested
-//! grids from coarse to fine. Stages of twice the cells follow while the NCC of validation views gains.
+//! grids from coarse to fine. Stages of twice the cells follow while the NCC of validation views gains,
+//! or is no worse and their pictures gain.
 //!
 //! A mesh is rendered from a few sides here, and reconstructed:
 //!

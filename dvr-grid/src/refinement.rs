@@ -109,11 +109,13 @@ impl Refinement {
         self.carving.as_ref().is_some_and(SpaceCarving::is_hollow)
     }
 
-    /// Carves only grids of so many cells or more, and takes the mouths of hollows from a trained surface.
-    pub fn carve_from(&mut self, cells: usize, surface: &Grids) {
+    /// Carves only grids of so many cells or more, and takes the mouths of hollows from a trained surface. Whether any hollow
+    /// leads to the outside then.
+    pub fn carve_from(&mut self, cells: usize, surface: &Grids) -> bool {
         let values = surface.shape.values();
         self.carved_from = cells;
         self.carving = self.carving.take().and_then(|carving| carving.with_mouths_of(|point| values.value(point)));
+        self.carving.is_some()
     }
 
     /// The same with a hollow where points of the hull are carved, for tests.
@@ -141,9 +143,14 @@ impl Refinement {
         open_share(grid, &grids.shape.values().to_dense(), |node| carving.stays_empty(grid.position(node)))
     }
 
-    /// Forgets what was carved out of the hull, and tells its share.
-    pub fn forget_carving(&mut self) -> f64 {
-        self.carving.take().map_or(0.0, |carving| carving.share())
+    /// The share of the hull that is carved.
+    pub fn carved_share(&self) -> f64 {
+        self.carving.as_ref().map_or(0.0, SpaceCarving::share)
+    }
+
+    /// Forgets what was carved out of the hull.
+    pub fn forget_carving(&mut self) {
+        self.carving = None;
     }
 
     /// Distances of the masks' outlines, in the order of the training views.

@@ -97,7 +97,7 @@ impl<'a> GridTrainer<'a> {
         let mut refinement = Refinement::new(masks, &train, &config, cancellation)?;
         if refinement.is_hollowed() {
             let note;
-            (refinement, note) = Self::without_closed_hollows(&train, &config, refinement, cancellation)?;
+            (refinement, note) = Self::judged_hollows(&train, &config, refinement, cancellation)?;
             notes.extend(note);
         }
         Self::begin(train, validation, config, refinement, notes, cancellation)
@@ -345,7 +345,7 @@ impl<'a> GridTrainer<'a> {
         };
         self.cancellation.check()?;
         // The NCC does not see into hollows: no stage is taken back to one without them. Where views hardly agree on
-        // colours, highlights say more of it than the shape does.
+        // colours, it says more of highlights than of the shape.
         let must_gain = self.refinement.is_carved_at(reached.cells / 2) && self.agreement.shine() == 0.0;
         match self.growth.decide(&self.config, reached, ncc, must_gain) {
             Verdict::Grow => {

@@ -1,4 +1,5 @@
-//! Hollows that training closes again: they were none.
+//! How far training leaves hollows open. Those that it closes were none, unless colours at their mouths say otherwise
+//! (`trainer/hollows.rs`).
 //!
 //! Where colours are smooth, a plane sweep finds matches deep inside of what is solid. Training does not believe them: colours
 //! pull the surface back to where it is. But what lies deep in a hollow stays empty, and a void would remain in the object,

@@ -1,4 +1,4 @@
-//! Whether hollows that the start is carved with are there: a first stage is trained for a look.
+//! Which hollows the start is carved with, and from which stage on: a first stage is trained for a look.
 
 use dvr_core::{Cancellation, View};
 
@@ -22,6 +22,9 @@ const OPEN: f64 = 0.5;
 /// sweep finds hollows that are none.
 const MOUTH_DIFFERENCE: f32 = 0.12;
 
+/// The same beside the mean of all other points of the hull: what shines differs everywhere. Measured 2.2 to 11 at mouths.
+const MOUTH_CONTRAST: f32 = 1.5;
+
 /// Cells from which on hollows are carved that are not carved from the start: patches alone do not hold the outside of
 /// walls that are thinner than two cells, and what is lost there no later stage brings back.
 const FINE: usize = 128;
@@ -31,10 +34,31 @@ fn fine_stage(first: usize, most: usize) -> Option<usize> {
     std::iter::successors(Some(first), |cells| Some(2 * cells)).take_while(|&cells| cells <= most).find(|&c| c >= FINE)
 }
 
+/// What becomes of hollows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Fate {
+    /// They are carved from the start.
+    FromStart,
+    /// They are carved at the first stage of this many cells.
+    At(usize),
+    /// They are none.
+    Forgotten,
+}
+
+/// What becomes of hollows that the look leaves open, or at whose mouths views show different colours; `fine` is the stage
+/// that they could wait for, `first` the cells of the look.
+fn fate(is_open: bool, mouths_differ: bool, shines: bool, first: usize, fine: Option<usize>) -> Fate {
+    match fine {
+        Some(cells) if is_open && shines => Fate::At(cells),
+        _ if is_open => Fate::FromStart,
+        Some(cells) if mouths_differ && cells > first => Fate::At(cells),
+        _ => Fate::Forgotten,
+    }
+}
+
 impl<'a> GridTrainer<'a> {
-    /// Forgets what was carved out of the hull where training closes it again and nothing else shows it, and says so. Where
-    /// training closes hollows that are there, or views hardly agree on colours, hollows wait for a fine stage.
-    pub(super) fn without_closed_hollows(
+    /// Decides about what was carved out of the hull, and says so where it is not carved from the start.
+    pub(super) fn judged_hollows(
         train: &[&'a View],
         config: &GridConfig,
         refinement: Refinement,
@@ -52,46 +76,61 @@ impl<'a> GridTrainer<'a> {
             trainer.step()?;
         }
         let grids = trainer.backend.grids()?;
-        let is_closed = trainer.refinement.open_hollows(&grids) < OPEN;
-        if is_closed && !trainer.mouths_differ()? {
-            let mut refinement = trainer.refinement;
-            let share = 100.0 * refinement.forget_carving();
-            let note = format!(
-                "a plane sweep took {share:.0} % of the visual hull for hollows, which training closed again: training starts \
-                 from the whole hull"
-            );
-            return Ok((refinement, Some(note)));
-        }
+        let is_open = trainer.refinement.open_hollows(&grids) >= OPEN;
         let shines = trainer.agreement.shine() > 0.0;
         let most = Growth::plan(config, train).max_cells().min(config.whole_cells).max(config.first_cells);
         // With a bound on its bytes a run may end before that stage.
-        let waits = (is_closed || shines) && config.max_bytes == 0;
+        let fine = fine_stage(config.first_cells, most).filter(|_| config.max_bytes == 0);
+        let fate = fate(is_open, !is_open && trainer.mouths_differ()?, shines, config.first_cells, fine);
         let mut refinement = trainer.refinement;
-        let Some(cells) = fine_stage(config.first_cells, most).filter(|_| waits) else {
-            return Ok((refinement, None));
-        };
-        refinement.carve_from(cells, &grids);
-        let why = if is_closed {
-            format!("{} cells close hollows of the visual hull again", config.first_cells)
-        } else {
-            "views hardly agree on colours".to_owned()
-        };
-        Ok((refinement, Some(format!("{why}: hollows open at {cells} cells"))))
+        let share = 100.0 * refinement.carved_share();
+        match fate {
+            Fate::FromStart => return Ok((refinement, None)),
+            Fate::At(cells) if refinement.carve_from(cells, &grids) => {
+                let why = if is_open {
+                    "views hardly agree on colours".to_owned()
+                } else {
+                    format!("{} cells close hollows of the visual hull again", config.first_cells)
+                };
+                return Ok((refinement, Some(format!("{why}: hollows open at {cells} cells"))));
+            }
+            Fate::At(_) | Fate::Forgotten => refinement.forget_carving(),
+        }
+        let note = format!(
+            "a plane sweep took {share:.0} % of the visual hull for hollows, which training closed again: training starts from \
+             the whole hull"
+        );
+        Ok((refinement, Some(note)))
     }
 
     /// Whether views show different colours where the visual hull would close the mouths of hollows.
     fn mouths_differ(&self) -> Result<bool> {
         let hull = self.refinement.first_of_whole_hull(&self.config)?;
-        let is_mouth = |point| self.refinement.is_carved(point);
         let PyramidLevel { views, order, .. } = &self.photographs;
-        let difference = difference_where(&hull, views, order, &self.config, is_mouth);
-        Ok(difference.is_some_and(|difference| difference >= MOUTH_DIFFERENCE))
+        let difference = |is_mouth: bool| {
+            difference_where(&hull, views, order, &self.config, |at| self.refinement.is_carved(at) == is_mouth)
+        };
+        let (Some(mouths), rest) = (difference(true), difference(false)) else { return Ok(false) };
+        Ok(mouths >= MOUTH_DIFFERENCE && mouths >= MOUTH_CONTRAST * rest.unwrap_or(0.0))
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn hollows_are_carved_that_are_open_or_whose_mouths_differ_and_wait_where_coarse_cells_do_not_hold_them() {
+        let (first, fine) = (32, Some(128));
+        assert_eq!(fate(true, false, false, first, fine), Fate::FromStart);
+        assert_eq!(fate(true, false, true, first, fine), Fate::At(128));
+        assert_eq!(fate(true, false, true, first, None), Fate::FromStart);
+        assert_eq!(fate(false, false, false, first, fine), Fate::Forgotten);
+        assert_eq!(fate(false, false, true, first, fine), Fate::Forgotten);
+        assert_eq!(fate(false, true, false, first, fine), Fate::At(128));
+        assert_eq!(fate(false, true, false, first, None), Fate::Forgotten, "coarse cells would close them again");
+        assert_eq!(fate(false, true, false, 128, fine), Fate::Forgotten, "no later stage");
+    }
 
     #[test]
     fn a_fine_stage_is_one_that_training_comes_to() {
