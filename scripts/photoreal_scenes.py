@@ -1,15 +1,17 @@
 #!/usr/bin/env python3
 """Photoreal scenes with their truth: objects of several materials, path traced by Mitsuba 3 in the light of environment maps.
 
-    pip install mitsuba trimesh scipy pillow       # and LLVM 19, which DRJIT_LIBLLVM_PATH names
+    pip install mitsuba trimesh networkx scipy pillow
     scripts/photoreal_scenes.py OUT --dvr target/release/dvr --light DIR --meshes DIR [--only vase,gold] [--samples 64]
 
-Each scene has 48 views of 400 pixels from all sides, RGBA with straight alpha, cameras and truth as `dvr synth` writes them. At 64
-samples a pixel pictures are noisy, as photographs are.
+Mitsuba needs LLVM (19 works, 15 and 16 do not); DRJIT_LIBLLVM_PATH names the library (libLLVM.so.19.1).
 
---light: a folder of environment maps, `city.exr` and others. Blender brings such (CC0): datafiles/studiolights/world, in the
-Debian package blender-data. --meshes: a folder of rocker-arm.obj, cheburashka.obj and nefertiti.obj
-(https://github.com/alecjacobson/common-3d-test-models). Vases and bowls are made here, and need none.
+The scenes are OUT/vase/vase, OUT/gold/gold, ... Each has 48 views of 400 pixels from all sides, RGBA with straight alpha,
+cameras and truth as `dvr synth` writes them. At 64 samples a pixel pictures are noisy, as photographs are.
+
+--light: a folder with the environment maps city.exr, courtyard.exr, forest.exr, interior.exr and studio.exr. Blender
+brings these (CC0): datafiles/studiolights/world, in the Debian package blender-data. --meshes: a folder of rocker-arm.obj,
+cheburashka.obj and nefertiti.obj (https://github.com/alecjacobson/common-3d-test-models). Vases and bowls are made here.
 """
 
 import argparse
@@ -24,8 +26,6 @@ import numpy as np
 import trimesh
 from PIL import Image
 from scipy.interpolate import CubicSpline
-
-mi.set_variant("llvm_ad_rgb")
 
 VIEWS = 48
 SIZE = 400
@@ -180,8 +180,6 @@ def render(name, mesh, kind, light, args, work):
     sizes = ["--views", VIEWS, "--size", SIZE, "--config", work / "settings.json"]
     subprocess.run([str(argument) for argument in [args.dvr, *synth, *sizes]], check=True)
     scene = args.out / name / name
-    # Alpha says what shows the object.
-    shutil.rmtree(scene / "mask", ignore_errors=True)
     truth, cameras = np.load(scene / "pointcloud.npz"), np.load(scene / "cameras.npz")
     points = (mesh.vertices - truth["loc"]) / float(truth["scale"])
     bsdf, colors = material(kind, points)
@@ -207,25 +205,39 @@ def render(name, mesh, kind, light, args, work):
         shown = np.concatenate([srgb((straight_color * exposure).clip(0, 1)), alpha], -1)
         Image.fromarray((255 * shown + 0.5).astype(np.uint8)).save(scene / "image" / f"{view:04d}.png")
         print(f"\r{name}: {view + 1} of {VIEWS}", end="", flush=True)
+    # Alpha says what shows the object.
+    shutil.rmtree(scene / "mask", ignore_errors=True)
     print()
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("out", type=Path)
-    parser.add_argument("--dvr", type=Path, default=Path("target/release/dvr"))
-    parser.add_argument("--light", type=Path, required=True)
-    parser.add_argument("--meshes", type=Path)
-    parser.add_argument("--only", default=",".join(SCENES))
-    parser.add_argument("--samples", type=int, default=64)
+    parser.add_argument("out", type=Path, help="where the scenes go")
+    parser.add_argument("--dvr", type=Path, default=Path("target/release/dvr"), help="the program")
+    parser.add_argument("--light", type=Path, required=True, help="a folder of environment maps")
+    parser.add_argument("--meshes", type=Path, help="a folder of meshes")
+    parser.add_argument("--only", default=",".join(SCENES), help="these scenes, with commas between them")
+    parser.add_argument("--samples", type=int, default=64, help="samples of a pixel")
     args = parser.parse_args()
     made = {"vase": vase, "bowl": bowl}
-    for name in args.only.split(","):
+    names = args.only.split(",")
+    for name in names:
         if name not in SCENES:
             parser.error(f"{name}: none of {', '.join(SCENES)}")
-        shape, kind, light = SCENES[name]
+        shape, _, light = SCENES[name]
         if shape not in made and args.meshes is None:
             parser.error(f"{name} needs --meshes")
+        needed = [args.dvr, args.light / f"{light}.exr"] + ([] if shape in made else [args.meshes / f"{shape}.obj"])
+        for file in needed:
+            if not file.is_file():
+                parser.error(f"{file}: no such file")
+    try:
+        mi.set_variant("llvm_ad_rgb")
+        mi.Float(0)
+    except ImportError as problem:
+        parser.error(f"Mitsuba does not start ({problem}): set DRJIT_LIBLLVM_PATH to the library of LLVM")
+    for name in names:
+        shape, kind, light = SCENES[name]
         mesh = made[shape]() if shape in made else loaded(args.meshes / f"{shape}.obj")
         with tempfile.TemporaryDirectory() as work:
             render(name, mesh, kind, light, args, Path(work))

@@ -34,7 +34,6 @@ pub fn photograph(camera: &Camera) -> RgbImage {
 }
 
 /// Writes the photographs of cameras as `0000.jpg`, `0001.jpg`, ...
-#[allow(dead_code)] // each test binary uses its part
 pub fn write_photographs(folder: &Path, cameras: &[Camera]) {
     std::fs::create_dir_all(folder).unwrap();
     for (i, camera) in cameras.iter().enumerate() {
