@@ -96,18 +96,21 @@ pub(crate) fn agreement(
     Agreement(agreeing as f64 / found.len() as f64)
 }
 
-/// The mean difference in colour, summed over the channels, between views of those points of a surface that `is_asked` says;
-/// `None` where there is little to compare.
-pub(crate) fn difference_where(
+/// The mean difference in colour between views, summed over the channels, of the points of a surface that `is_asked` says, and
+/// of the others; `None` where there is little to compare.
+pub(crate) fn differences_by(
     grids: &Grids,
     views: &[TrainingView],
     order: &PixelOrder,
     config: &GridConfig,
     is_asked: impl Fn(Vec3) -> bool,
-) -> Option<f32> {
+) -> [Option<f32>; 2] {
     let found = differences(grids, views, order, config, 0..PARTS * PIXELS);
-    let asked: Vec<f32> = found.into_iter().filter(|(point, _)| is_asked(*point)).map(|(_, found)| found).collect();
-    (asked.len() >= FEWEST).then(|| asked.iter().sum::<f32>() / asked.len() as f32)
+    let (asked, others): (Vec<_>, Vec<_>) = found.into_iter().partition(|(point, _)| is_asked(*point));
+    [asked, others].map(|part| {
+        let sum: f32 = part.iter().map(|(_, difference)| difference).sum();
+        (part.len() >= FEWEST).then(|| sum / part.len() as f32)
+    })
 }
 
 /// Points where the rays with these numbers meet a surface, with how far the colours of other views differ there.
@@ -193,11 +196,12 @@ mod tests {
         // Speckles on a ball of radius .3, and a surface like that of a hull that closes a mouth.
         let difference = |radius: f32, is_asked: fn(Vec3) -> bool| {
             let Fixture { grids, views, order, config, .. } = Fixture::speckled_ball(radius, GridLosses::default());
-            difference_where(&grids, &views, &order, &config, is_asked)
+            differences_by(&grids, &views, &order, &config, is_asked)
         };
-        let [right, wrong] = [0.3, 0.4].map(|radius| difference(radius, |at| at.x > 0.0).unwrap());
-        assert!(right < 0.1 * wrong, "{right} {wrong}");
-        assert_eq!(difference(0.4, |at| at.x > 10.0), None);
+        let [right, wrong] = [0.3, 0.4].map(|radius| difference(radius, |at| at.x > 0.0).map(Option::unwrap));
+        assert!(right[0] < 0.1 * wrong[0] && right[1] < 0.1 * wrong[1], "{right:?} {wrong:?}");
+        let [none, all] = difference(0.4, |at| at.x > 10.0);
+        assert!(none.is_none() && all.is_some());
     }
 
     #[test]

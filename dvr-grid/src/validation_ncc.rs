@@ -1,10 +1,11 @@
 //! The NCC of validation photographs with training photographs through the surface: what judges its shape during a run.
 //!
 //! PSNR is no such judge: where colour cannot depend on the view, dents explain highlights, and the worse shape gives the
-//! better picture. It counts where the NCC sees no difference. What shines is judged by neither. So textured pixels of validation photographs are carried by the surface into
-//! neighbouring *training photographs*, never into renders, and the patches compared there by normalised
-//! cross-correlation, as stereo does to score its own depths. The pixels are chosen once, by the photographs alone. A
-//! pixel that meets no surface, or whose point nothing else sees, counts as not alike at all.
+//! better picture. So textured pixels of validation photographs are carried by the surface into neighbouring
+//! *training photographs*, never into renders, and the patches compared there by normalised cross-correlation, as
+//! stereo does to score its own depths. The pixels are chosen once, by the photographs alone. A pixel that meets no
+//! surface, or whose point nothing else sees, counts as not alike at all. PSNR counts where this sees no difference
+//! between stages; on what shines neither takes one back.
 
 use dvr_core::View;
 use rayon::prelude::*;

@@ -3,7 +3,7 @@
 use dvr_core::{Cancellation, View};
 
 use super::GridTrainer;
-use crate::color_trust::difference_where;
+use crate::color_trust::differences_by;
 use crate::config::{Capacity, GridConfig};
 use crate::error::Result;
 use crate::growth::Growth;
@@ -107,11 +107,10 @@ impl<'a> GridTrainer<'a> {
     fn mouths_differ(&self) -> Result<bool> {
         let hull = self.refinement.first_of_whole_hull(&self.config)?;
         let PyramidLevel { views, order, .. } = &self.photographs;
-        let difference = |is_mouth: bool| {
-            difference_where(&hull, views, order, &self.config, |at| self.refinement.is_carved(at) == is_mouth)
-        };
-        let (Some(mouths), rest) = (difference(true), difference(false)) else { return Ok(false) };
-        Ok(mouths >= MOUTH_DIFFERENCE && mouths >= MOUTH_CONTRAST * rest.unwrap_or(0.0))
+        let is_mouth = |point| self.refinement.is_carved(point);
+        let [mouths, rest] = differences_by(&hull, views, order, &self.config, is_mouth);
+        let least = MOUTH_DIFFERENCE.max(MOUTH_CONTRAST * rest.unwrap_or(0.0));
+        Ok(mouths.is_some_and(|mouths| mouths >= least))
     }
 }
 

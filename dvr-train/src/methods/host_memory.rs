@@ -8,7 +8,7 @@ use crate::export::mesh::MeshOptions;
 use crate::methods::method::Method;
 
 /// Bytes that the program itself takes, with its threads and libraries: about 95 MB in the profile of tests, some less
-/// in release. On a machine that does other things, too, the allocator gives back later: up to 20 MB more were measured.
+/// in release. While other tests ran beside it, the peak of the same run was up to 18 MB higher.
 const PROGRAM: u64 = 140_000_000;
 
 /// Bytes of a face of a mesh that gets a texture, as an extraction counts them: as it is read, in charts, and as it is
