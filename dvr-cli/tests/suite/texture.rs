@@ -27,6 +27,15 @@ fn ball(pixels: u32) -> (Tiny, std::path::PathBuf) {
     (tiny, bare)
 }
 
+/// Megabytes that these arguments need at least without the texture, as the refusal of one says.
+fn megabytes_needed(arguments: &[&str]) -> u64 {
+    let refused = dvr(&[arguments, &["--memory", "1M"]].concat());
+    refuses(&refused, &["MB of memory are needed", "--memory"]);
+    let error = String::from_utf8_lossy(&refused.stderr).into_owned();
+    let (_, number) = error.split_once("about ").unwrap();
+    number.split(' ').next().unwrap().parse().unwrap()
+}
+
 fn has_texture(mesh: &TexturedMesh) -> bool {
     mesh.materials.iter().any(|material| material.texture.is_some())
 }
@@ -51,12 +60,12 @@ fn a_bare_mesh_gets_the_colours_of_the_photographs_in_every_format() {
 fn an_automatic_texture_gets_smaller_where_memory_is_short() {
     let (tiny, bare) = ball(160);
     let (scene, out) = (tiny.scene(), tiny.path("ball.glb"));
-    let made = |more: &[&str]| {
-        let arguments = ["texture", text(&bare), "--data", text(&scene), "--out", text(&out), "--overwrite"];
-        succeeds(&dvr(&[&arguments[..], more].concat()))
-    };
+    let arguments = ["texture", text(&bare), "--data", text(&scene), "--out", text(&out), "--overwrite"];
+    let made = |more: &[&str]| succeeds(&dvr(&[&arguments[..], more].concat()));
     assert!(made(&[]).contains("512x512"));
-    assert!(made(&["--memory", "136M"]).contains("256x256"));
+    // 512 texels along the edge take more than 12 MB, 256 less.
+    let memory = format!("{}M", megabytes_needed(&arguments) + 12);
+    assert!(made(&["--memory", &memory]).contains("256x256"));
 }
 
 #[test]
@@ -86,7 +95,9 @@ fn what_cannot_be_textured_is_said_and_nothing_is_written() {
     for size in ["64", "16385", "large"] {
         refused(&bare, &out, &["--size", size], &["from 128 to 16384"]);
     }
-    let large = ["--size", "8192", "--memory", "200M"];
+    let arguments = ["texture", text(&bare), "--data", text(&scene), "--out", text(&out)];
+    let memory = format!("{}M", megabytes_needed(&arguments) + 78);
+    let large = ["--size", "8192", "--memory", &memory];
     refused(&bare, &out, &large, &["8192 texels", "about 2954", "78 MB are left", "--size N", "--memory"]);
     refused(&bare, &tiny.path("out.ply"), &[], &[".glb or .obj"]);
     assert!(!out.exists());
