@@ -4,17 +4,26 @@ use std::collections::HashMap;
 
 use dvr_core::UnitCube;
 use dvr_core::voxel::VoxelGrid;
-use glam::Vec3;
+use glam::{Mat3, Vec3, Vec4};
 use half::f16;
 use safetensors::tensor::{Dtype, TensorView};
-use safetensors::{SafeTensors, serialize};
+use safetensors::{SafeTensorError, SafeTensors, serialize};
 
 use super::ViewColor;
 use super::harmonics::TERMS;
+use super::residual_views::{ResidualView, ResidualViews};
 
 /// Names of the tensors: indices of nodes, x fastest, `[n]`; and the coefficients of each, by term and channel.
 const NODES: &str = "nodes";
 const COEFFICIENTS: &str = "coefficients";
+
+/// Names of the tensors of residual views: what takes points of object space to homogeneous pixels, row by row, `[v, 3, 4]`;
+/// width and height, `[v, 2]`; and z-depth and change of all pixels of all views, one after the other, `[p]` and `[p, 3]`.
+/// Files without them have none.
+const PROJECTIONS: &str = "residual_projections";
+const SIZES: &str = "residual_sizes";
+const DEPTHS: &str = "residual_depths";
+const CHANGES: &str = "residual_changes";
 
 /// Key of the cells along an edge of the grid, over the padded cube.
 const CELLS: &str = "cells";
@@ -39,7 +48,7 @@ fn broken(problem: impl std::fmt::Display) -> ViewColorError {
 }
 
 impl ViewColor {
-    /// As bytes: indices of nodes in 32 bits, coefficients in 16. `surface` is what it was fitted to, in the caller's words.
+    /// As bytes: indices of nodes in 32 bits, coefficients in 16, changes in 8. `surface` is what it was fitted to, in the caller's words.
     ///
     /// # Errors
     /// When the container cannot hold them.
@@ -48,11 +57,15 @@ impl ViewColor {
         let numbers = self.coefficients.as_flattened().iter().flat_map(|by_channel| by_channel.to_array());
         let numbers: Vec<u8> = numbers.flat_map(|number| f16::from_f32(number).to_le_bytes()).collect();
         let count = self.nodes.len();
-        let tensors = [
+        let residuals = ResidualTensors::of(&self.residuals);
+        let mut tensors = vec![
             (NODES, TensorView::new(Dtype::U32, vec![count], &nodes).map_err(broken)?),
             (COEFFICIENTS, TensorView::new(Dtype::F16, vec![count, TERMS, 3], &numbers).map_err(broken)?),
             (SURFACE, TensorView::new(Dtype::U8, vec![surface.len()], surface.as_bytes()).map_err(broken)?),
         ];
+        if !self.residuals.0.is_empty() {
+            tensors.extend(residuals.tensors().map_err(broken)?);
+        }
         let metadata = HashMap::from([(CELLS.to_owned(), self.grid.cells().to_string())]);
         serialize(tensors, Some(metadata)).map_err(broken)
     }
@@ -101,7 +114,90 @@ impl ViewColor {
             return Err(broken("not all of its coefficients are numbers"));
         }
         let by_channel: Vec<Vec3> = numbers.as_chunks().0.iter().map(|&channels: &[f32; 3]| channels.into()).collect();
-        Ok(Self::new(grid, nodes, by_channel.as_chunks().0.to_vec()))
+        let residuals = if tensors.names().contains(&PROJECTIONS) {
+            // Any number of what has these parts.
+            let bytes = |name, dtype, parts: &[usize]| {
+                let found = tensor(name, dtype)?;
+                match found.shape() {
+                    [_, rest @ ..] if rest == parts => Ok(found.data().to_vec()),
+                    shape => Err(broken(format!("{name} has shape {shape:?}"))),
+                }
+            };
+            ResidualTensors {
+                projections: bytes(PROJECTIONS, Dtype::F32, &[3, 4])?,
+                sizes: bytes(SIZES, Dtype::U32, &[2])?,
+                depths: bytes(DEPTHS, Dtype::F16, &[])?,
+                changes: bytes(CHANGES, Dtype::I8, &[3])?,
+            }
+            .views()?
+        } else {
+            ResidualViews::default()
+        };
+        Ok(Self { residuals, ..Self::new(grid, nodes, by_channel.as_chunks().0.to_vec()) })
+    }
+}
+
+/// Residual views as the bytes of their tensors.
+struct ResidualTensors {
+    projections: Vec<u8>,
+    sizes: Vec<u8>,
+    depths: Vec<u8>,
+    changes: Vec<u8>,
+}
+
+impl ResidualTensors {
+    fn of(ResidualViews(views): &ResidualViews) -> Self {
+        let rows = |view: &ResidualView| {
+            let (columns, offset) = (view.projection.transpose(), view.offset);
+            (0..3).flat_map(move |row| [columns.col(row).to_array().to_vec(), vec![offset[row]]].concat())
+        };
+        Self {
+            projections: views.iter().flat_map(rows).flat_map(f32::to_le_bytes).collect(),
+            sizes: views.iter().flat_map(|view| [view.width, view.height]).flat_map(u32::to_le_bytes).collect(),
+            depths: views.iter().flat_map(|view| &view.depths).flat_map(|depth| depth.to_le_bytes()).collect(),
+            changes: views.iter().flat_map(|view| view.changes.as_flattened()).flat_map(|c| c.to_le_bytes()).collect(),
+        }
+    }
+
+    fn tensors(&self) -> Result<[(&'static str, TensorView<'_>); 4], SafeTensorError> {
+        let (views, pixels) = (self.sizes.len() / 8, self.depths.len() / 2);
+        Ok([
+            (PROJECTIONS, TensorView::new(Dtype::F32, vec![views, 3, 4], &self.projections)?),
+            (SIZES, TensorView::new(Dtype::U32, vec![views, 2], &self.sizes)?),
+            (DEPTHS, TensorView::new(Dtype::F16, vec![pixels], &self.depths)?),
+            (CHANGES, TensorView::new(Dtype::I8, vec![pixels, 3], &self.changes)?),
+        ])
+    }
+
+    fn views(&self) -> Result<ResidualViews, ViewColorError> {
+        let numbers: Vec<f32> = self.projections.as_chunks().0.iter().map(|&bytes| f32::from_le_bytes(bytes)).collect();
+        let sizes: Vec<u32> = self.sizes.as_chunks().0.iter().map(|&bytes| u32::from_le_bytes(bytes)).collect();
+        let depths: Vec<f16> = self.depths.as_chunks().0.iter().map(|&bytes| f16::from_le_bytes(bytes)).collect();
+        let changes: Vec<[i8; 3]> =
+            self.changes.as_chunks().0.iter().map(|c: &[u8; 3]| c.map(u8::cast_signed)).collect();
+        let (projections, sizes) = (numbers.as_chunks::<12>().0, sizes.as_chunks::<2>().0);
+        if projections.len() != sizes.len() {
+            return Err(broken(format!("{} cameras of residual views and {} sizes", projections.len(), sizes.len())));
+        }
+        let (mut depths, mut changes) = (&depths[..], &changes[..]);
+        let mut views = Vec::with_capacity(sizes.len());
+        for (numbers, &[width, height]) in projections.iter().zip(sizes) {
+            let pixels = usize::try_from(u64::from(width) * u64::from(height)).map_err(broken)?;
+            let parts = depths.split_at_checked(pixels).zip(changes.split_at_checked(pixels));
+            let ((own_depths, depths_left), (own_changes, changes_left)) =
+                parts.ok_or_else(|| broken(format!("no numbers for {width} x {height} pixels of a residual view")))?;
+            (depths, changes) = (depths_left, changes_left);
+            let rows: [Vec4; 3] = std::array::from_fn(|row| Vec4::from_slice(&numbers[4 * row..4 * row + 4]));
+            let projection = Mat3::from_cols_array_2d(&rows.map(|row| row.truncate().to_array())).transpose();
+            let offset = Vec3::from(rows.map(|row| row.w));
+            let view =
+                ResidualView::new([width, height], projection, offset, own_depths.to_vec(), own_changes.to_vec());
+            views.push(view.ok_or_else(|| broken("a residual view has no camera, no pixels or wrong depths"))?);
+        }
+        if !depths.is_empty() || !changes.is_empty() {
+            return Err(broken("residual views have more numbers than pixels"));
+        }
+        Ok(ResidualViews(views))
     }
 }
 
@@ -113,7 +209,15 @@ mod tests {
         let grid = VoxelGrid::new(5, UnitCube::default().half_extent() as f32);
         let coefficients = |node: u32| std::array::from_fn(|term| Vec3::new(node as f32, term as f32, 0.5) / 128.0);
         let nodes = vec![3, 17, 124];
-        ViewColor::new(grid, nodes.clone(), nodes.into_iter().map(coefficients).collect())
+        let harmonics = ViewColor::new(grid, nodes.clone(), nodes.into_iter().map(coefficients).collect());
+        let view = |size: [u32; 2], focal: f32| {
+            let pixels = 0..size[0] * size[1];
+            let depths = pixels.clone().map(|pixel| f16::from_f32(1.0 + pixel as f32 / 64.0)).collect();
+            let changes = pixels.map(|pixel| [pixel as i8, -3, 127]).collect();
+            let projection = Mat3::from_diagonal(Vec3::new(focal, focal, 1.0));
+            ResidualView::new(size, projection, Vec3::new(0.5, 1.5, 2.0), depths, changes).unwrap()
+        };
+        ViewColor { residuals: ResidualViews(vec![view([3, 2], 5.0), view([1, 4], 7.0)]), ..harmonics }
     }
 
     #[test]
@@ -144,6 +248,25 @@ mod tests {
         assert!(said(vec![3, 17, 124], f32::NAN, 4).contains("not all"));
         assert!(said(vec![3, 17, 124], 0.0, 2).contains("in order"), "nodes of a larger grid");
         assert!(said(vec![3, 17, 124], 0.0, 600).contains("600 cells"));
+        let said = |change: &dyn Fn(&mut ResidualView)| {
+            let mut wrong = stored();
+            change(&mut wrong.residuals.0[1]);
+            ViewColor::from_bytes(&wrong.to_bytes("").unwrap()).unwrap_err().to_string()
+        };
+        assert!(said(&|view| view.height = 5).contains("1 x 5 pixels"));
+        assert!(said(&|view| view.width = u32::MAX).contains("no numbers for"));
+        assert!(said(&|view| view.height = 3).contains("more numbers"));
+        assert!(
+            said(&|view| {
+                view.depths.truncate(3);
+                view.changes.truncate(3);
+            })
+            .contains("no numbers for")
+        );
+        assert!(said(&|view| view.projection = Mat3::ZERO).contains("no camera"));
+        assert!(said(&|view| view.offset.x = f32::NAN).contains("no camera"));
+        assert!(said(&|view| view.depths[2] = f16::INFINITY).contains("wrong depths"));
+        assert!(said(&|view| view.depths[2] = -f16::ONE).contains("wrong depths"));
         assert!(ViewColor::from_bytes(b"photographs").is_err());
     }
 }

@@ -246,6 +246,58 @@ mod tests {
         assert_eq!(found.at(Vec3::ZERO, direction), Vec3::ZERO);
     }
 
+    /// A ball with a narrow stripe that turns with the camera.
+    struct Striped<'a>(MeshShader<'a>);
+
+    impl Shader for Striped<'_> {
+        fn shade(&self, rays: &[Ray]) -> Vec<Option<Shaded>> {
+            let striped = |(shaded, ray): (Option<Shaded>, &Ray)| {
+                let direction = ray.direction.normalize().as_vec3();
+                shaded.map(|shaded| {
+                    let aside = direction.cross(Vec3::Y).normalize_or_zero().dot(Vec3::from(shaded.normal));
+                    Shaded { color: [0.3 + 0.5 * (-(aside / 0.15).powi(2)).exp(), 0.5, 0.4], ..shaded }
+                })
+            };
+            self.0.shade(rays).into_iter().zip(rays).map(striped).collect()
+        }
+    }
+
+    #[test]
+    fn what_changes_fast_with_the_direction_is_blended_from_photographs_nearby() {
+        let mut ball = shapes::icosphere(4, 0.3);
+        ball.colors = Some(vec![[0.5; 3]; ball.vertices.len()]);
+        let (plain, striped) = (MeshShader::new(&ball), Striped(MeshShader::new(&ball)));
+        let exposure = Exposure::from_logs([0.1, -0.1, 0.05]);
+        let train = photographs(&striped, (0..32).map(|i| 0.196 * f64::from(i)), exposure);
+        let test = photographs(&striped, (0..4).map(|i| 0.1 + 1.568 * f64::from(i)), Exposure::default());
+        let (seen, test): (Vec<&View>, Vec<&View>) = (train.iter().collect(), test.iter().collect());
+        let cancellation = Cancellation::default();
+        let slow = ViewColor::fit(&plain, &seen, &cancellation).unwrap().unwrap();
+        let of_threads = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| slow.with_residuals(&plain, &seen, &cancellation)).unwrap().unwrap()
+        };
+        let found = of_threads(1);
+        assert!(found == of_threads(3) && found.numbers() > slow.numbers());
+        assert!(
+            found.with_residuals(&plain, &seen, &cancellation).unwrap() == Some(found.clone()),
+            "in place of its own"
+        );
+        let psnr = |views: &[&View], color: &ViewColor| view_metrics(&color.on(&plain), views, 20_000).unwrap().psnr;
+        let (before, after) = (psnr(&test, &slow), psnr(&test, &found));
+        assert!(after > before + 3.0, "{before} dB and {after} dB");
+        let stored = ViewColor::from_bytes(&found.to_bytes("").unwrap()).unwrap();
+        assert!((psnr(&test, &stored) - after).abs() < 0.1);
+
+        // Photographs from one side say nothing of the other.
+        let front: Vec<&View> = seen[..4].to_vec();
+        let one_sided = ViewColor::none().with_residuals(&plain, &front, &cancellation).unwrap().unwrap();
+        assert_eq!(one_sided.at(Vec3::new(0.0, 0.0, -0.3), Vec3::new(0.0, 0.1, -1.0)), Vec3::ZERO);
+        assert!(matches!(ViewColor::none().with_residuals(&plain, &[], &cancellation), Ok(None)));
+        cancellation.cancel();
+        assert!(slow.with_residuals(&plain, &seen, &cancellation).is_err());
+    }
+
     #[test]
     fn where_photographs_do_not_show_the_surface_nothing_is_found() {
         let ball = shapes::icosphere(2, 0.3);
@@ -256,6 +308,7 @@ mod tests {
         let mask = Mask::from(GrayImage::from_pixel(64, 64, Luma([255])));
         let away = View::new("away", camera, stored(RgbImage::new(64, 64)), mask);
         assert!(matches!(ViewColor::fit(&shader, &[&away], &cancellation), Ok(None)));
+        assert!(matches!(ViewColor::none().with_residuals(&shader, &[&away], &cancellation), Ok(None)));
         cancellation.cancel();
         assert!(ViewColor::fit(&shader, &[&away], &cancellation).is_err());
     }

@@ -77,21 +77,38 @@ impl ChosenPictures {
     ) -> Result<Option<Self>> {
         let Some(validation) = field_validation else { return Ok(None) };
         let plain = |of, validation| Self { of, view_color: ViewColor::none(), validation };
-        let field = plain(PicturesOf::Field, validation).with_view_color(field, views, cancellation)?;
-        let Some(mesh) = mesh else { return Ok(Some(field)) };
-        let Some(validation) = view_metrics(mesh, &views.validation, FIGURE_PIXELS) else { return Ok(Some(field)) };
-        let mesh = plain(PicturesOf::Mesh, validation).with_view_color(mesh, views, cancellation)?;
-        Ok(Some(if mesh.validation.psnr - field.validation.psnr >= MIN_GAIN_DB { mesh } else { field }))
+        let of_field = plain(PicturesOf::Field, validation).with_harmonics(field, views, cancellation)?;
+        let of_mesh = match mesh.and_then(|mesh| view_metrics(mesh, &views.validation, FIGURE_PIXELS).zip(Some(mesh))) {
+            Some((validation, mesh)) => {
+                let of_mesh = plain(PicturesOf::Mesh, validation).with_harmonics(mesh, views, cancellation)?;
+                (of_mesh.validation.psnr - of_field.validation.psnr >= MIN_GAIN_DB).then_some((of_mesh, mesh))
+            }
+            None => None,
+        };
+        let (chosen, surface) = of_mesh.unwrap_or((of_field, field));
+        Ok(Some(chosen.with_residuals(surface, views, cancellation)?))
     }
 
-    /// In colours that depend on the direction, where these bring enough; `shader` shows it without.
-    fn with_view_color(self, shader: &dyn Shader, views: &ViewSplit, cancellation: &Cancellation) -> Result<Self> {
-        let Some(view_color) = ViewColor::fit(shader, &views.train, cancellation)? else { return Ok(self) };
+    /// In colours that change slowly with the direction, where these bring enough; `shader` shows it without.
+    fn with_harmonics(self, shader: &dyn Shader, views: &ViewSplit, cancellation: &Cancellation) -> Result<Self> {
+        let view_color = ViewColor::fit(shader, &views.train, cancellation)?;
+        Ok(self.or_better(view_color, shader, views))
+    }
+
+    /// With what photographs show beside these colours, where it brings enough.
+    fn with_residuals(self, shader: &dyn Shader, views: &ViewSplit, cancellation: &Cancellation) -> Result<Self> {
+        let view_color = self.view_color.with_residuals(shader, &views.train, cancellation)?;
+        Ok(self.or_better(view_color, shader, views))
+    }
+
+    /// With other colours, where validation views are nearer to these by enough.
+    fn or_better(self, view_color: Option<ViewColor>, shader: &dyn Shader, views: &ViewSplit) -> Self {
+        let Some(view_color) = view_color else { return self };
         let with = view_metrics(&view_color.on(shader), &views.validation, FIGURE_PIXELS);
-        Ok(match with.filter(|with| with.psnr - self.validation.psnr >= MIN_GAIN_DB) {
+        match with.filter(|with| with.psnr - self.validation.psnr >= MIN_GAIN_DB) {
             Some(validation) => Self { of: self.of.with_view_color(), view_color, validation },
             None => self,
-        })
+        }
     }
 
     /// They against these views.

@@ -82,29 +82,44 @@ pub(in crate::fuzz) fn scene_dvr() -> Vec<Vec<u8>> {
         .into()
 }
 
-/// Colour that depends on the direction, at two nodes.
+/// Colour that depends on the direction: at two nodes, at none, and with a residual view.
 pub(in crate::fuzz) fn view_color() -> Vec<Vec<u8>> {
-    vec![colors_at(&[3, 17], 4), colors_at(&[], 32)]
+    vec![colors_at(&[3, 17], 4, None), colors_at(&[], 32, None), colors_at(&[3], 4, Some([2, 1]))]
 }
 
-/// The same at these nodes of a grid of so many cells.
-fn colors_at(nodes: &[u32], cells: usize) -> Vec<u8> {
+/// The same at these nodes of a grid of so many cells, and with one residual view of this size, of two pixels.
+fn colors_at(nodes: &[u32], cells: usize, residual: Option<[u32; 2]>) -> Vec<u8> {
     let count = nodes.len();
     let nodes: Vec<u8> = nodes.iter().flat_map(|node| node.to_le_bytes()).collect();
     // Ones, in 16 bits.
     let numbers = [0x00, 0x3c].repeat(27 * count);
     let view = |dtype, shape, bytes| TensorView::new(dtype, shape, bytes).unwrap_or_else(|e| panic!("{e}"));
-    let tensors = [
+    let mut tensors = vec![
         ("nodes", view(Dtype::U32, vec![count], &nodes)),
         ("coefficients", view(Dtype::F16, vec![count, 9, 3], &numbers)),
     ];
+    let projection = [1.0f32, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 2.0].map(f32::to_le_bytes).concat();
+    let size = residual.unwrap_or_default().map(u32::to_le_bytes).concat();
+    if residual.is_some() {
+        tensors.extend([
+            ("residual_projections", view(Dtype::F32, vec![1, 3, 4], &projection)),
+            ("residual_sizes", view(Dtype::U32, vec![1, 2], &size)),
+            ("residual_depths", view(Dtype::F16, vec![2], &[0x00, 0x40, 0x00, 0x40])),
+            ("residual_changes", view(Dtype::I8, vec![2, 3], &[1, 2, 3, 253, 254, 255])),
+        ]);
+    }
     let metadata = HashMap::from([("cells".to_owned(), cells.to_string())]);
     serialize(tensors, Some(metadata)).unwrap_or_else(|e| panic!("{e}"))
 }
 
 /// Cells that would take all memory, over no numbers.
 pub(in crate::fuzz) fn claiming_cells() -> Vec<(&'static str, Vec<u8>)> {
-    vec![("128 cells", colors_at(&[], 128)), ("1000 cells", colors_at(&[], 1000))]
+    let pixels = Some([1 << 16, 1 << 16]);
+    vec![
+        ("128 cells", colors_at(&[], 128, None)),
+        ("1000 cells", colors_at(&[], 1000, None)),
+        ("residual pixels", colors_at(&[], 4, pixels)),
+    ]
 }
 
 /// A grid's, an imported network's, and that of a model of two objects with codes.
