@@ -21,23 +21,25 @@ const MOST: u32 = 8192;
 const SMALL: f64 = 2048.0;
 
 /// The power of two next to the size at which a texel is, in the mean, as large as a pixel of the photograph that shows
-/// its place best: the larger one up to 2048, the nearer one beyond.
+/// its place best, or as a cell where colours are taken from cells of several pixels: the larger one up to 2048, the nearer
+/// one beyond. Finer texels would each show the few cells next to them, a weave of photographs that are not alike.
 ///
 /// `None` where no photograph sees the mesh.
 pub(crate) fn auto_size(mesh: &Mesh, normals: &[Vec3], photographs: &[Photograph]) -> Option<u32> {
-    let stride = mesh.faces.len().div_ceil(PROBES).max(1);
+    let every = mesh.faces.len().div_ceil(PROBES).max(1);
     let best = |face: usize| {
         let (points, directions) = corners(mesh, normals, face as u32);
         let third = [1.0 / 3.0; 3];
         let (point, normal) = (blend(points, third), blend(directions, third).normalize_or_zero());
         let sights = photographs.iter().filter_map(|photograph| {
-            photograph.sight(point, normal).filter(|sight| photograph.is_open(sight)).map(|sight| sight.quality)
+            let cell = photograph.buffer.stride.pow(2) as f32;
+            photograph.sight(point, normal).filter(|sight| photograph.is_open(sight)).map(|sight| sight.quality / cell)
         });
         let [a, b, c] = points;
         let area = f64::from(0.5 * (b - a).cross(c - a).length());
         (area, area * f64::from(sights.fold(0.0, f32::max)))
     };
-    let probes: Vec<(f64, f64)> = (0..mesh.faces.len()).into_par_iter().step_by(stride).map(best).collect();
+    let probes: Vec<(f64, f64)> = (0..mesh.faces.len()).into_par_iter().step_by(every).map(best).collect();
     let area: f64 = (0..mesh.faces.len())
         .map(|face| {
             let [a, b, c] = mesh.triangle(face);

@@ -55,12 +55,23 @@ impl TextureMemory {
             views.iter().map(of).sum()
         };
         let pixels = |stride: u32| CELL * cells(stride) + PIXEL * shown.div_ceil(u64::from(stride).pow(2));
-        let mut stride = stride(views);
-        while settings.size == TextureSize::Auto && stride < MAX_STRIDE && pixels(stride) > allowed / 2 {
+        let surface = SURFACE * shown as f64 / views.len().max(1) as f64;
+        let edge = (surface / COVER).sqrt();
+        let mut stride = match settings.size {
+            TextureSize::Auto => stride(views),
+            // Cells about as wide as its texels, as far as that can be told without the mesh.
+            TextureSize::Texels(size) => ((edge / f64::from(size)) as u32).clamp(1, stride(views)),
+        };
+        let is_short = |at: u32| match settings.size {
+            TextureSize::Auto => at < MAX_STRIDE && pixels(at) > allowed / 2,
+            TextureSize::Texels(size) => {
+                at < self::stride(views) && TEXEL * u64::from(size).pow(2) + pixels(at) > allowed
+            }
+        };
+        while is_short(stride) {
             stride += 1;
         }
-        let surface = SURFACE * shown as f64 / views.len().max(1) as f64;
-        Self { stride, pixels: pixels(stride), expected: power_of_two((surface / COVER).sqrt()), allowed }
+        Self { stride, pixels: pixels(stride), expected: power_of_two(edge / f64::from(stride)), allowed }
     }
 
     /// The same, with no more bytes than the machine has.
@@ -143,6 +154,19 @@ mod tests {
         assert_eq!((stride(&[&eight]), stride(&[&nine])), (1, 2));
         let memory = TextureMemory::new(&[&nine], &TextureSettings::default(), u64::MAX);
         assert_eq!(memory.pixels, 38 * 4500 * 4500);
+        // Twice 80 megapixels, of which a hundredth shows the object.
+        let camera = Camera { width: 10_000, height: 8000, ..view(None).camera };
+        let mask = Mask::from(GrayImage::from_pixel(1000, 800, Luma([255])));
+        let small = View::new("small", camera, stored(RgbImage::new(1, 1)), mask);
+        let within = |size, allowed| TextureMemory::new(&[&small, &small], &settings(size, u64::MAX), allowed);
+        let of = |size: TextureSize| within(size, u64::MAX);
+        let auto = of(TextureSize::Auto);
+        assert_eq!((auto.stride, auto.expected), (2, 2048), "4000 texels of a pixel, 2000 of a cell");
+        let asked = [1024, 2048, 4096].map(|size| of(TextureSize::Texels(size)).stride);
+        assert_eq!(asked, [2, 1, 1], "as fine as what is asked for");
+        let needed = of(TextureSize::Texels(4096)).needed(4096);
+        let strides = [needed, needed - 1, 0].map(|allowed| within(TextureSize::Texels(4096), allowed).stride);
+        assert_eq!(strides, [1, 2, 2], "no finer than there is memory for");
     }
 
     #[test]

@@ -9,7 +9,8 @@ pub const SIZES: std::ops::RangeInclusive<u32> = 128..=16_384;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum TextureSize {
     /// The power of two from 256 to 8192 at which texels are about as large as the pixels of the photographs that show
-    /// their places best: the larger one up to 2048, the nearer one beyond.
+    /// their places best, or as the cells of pixels that give colours where there are many: the larger one up to 2048, the
+    /// nearer one beyond.
     #[default]
     Auto,
     /// So many, within [`SIZES`].

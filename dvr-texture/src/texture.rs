@@ -47,9 +47,17 @@ pub struct TextureReport {
     pub cover: f64,
     /// Share of their texels that a photograph shows.
     pub seen: f64,
+    /// Pixels along the edge of a cell of the photographs, of which each gave the texture a colour: 1 where every pixel did.
+    #[serde(default = "every_pixel")]
+    pub cell: u32,
     /// The normal map beside it; `None` where there is none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub normal_map: Option<NormalMapReport>,
+}
+
+/// What textures of earlier versions say nothing of.
+fn every_pixel() -> u32 {
+    1
 }
 
 /// What a normal map is.
@@ -114,7 +122,8 @@ pub fn texture_mesh(
     progress(4, "pixels");
     samples.descend(&mut colors, settings.steps, cancellation)?;
     progress(5, "least squares");
-    let report = TextureReport { size, charts: atlas.charts, cover: atlas.cover.into(), seen, normal_map: None };
+    let (charts, cover, cell) = (atlas.charts, atlas.cover.into(), memory.stride);
+    let report = TextureReport { size, charts, cover, seen, cell, normal_map: None };
     Ok(Textured { mesh: textured(mesh, &atlas, &colors), report })
 }
 

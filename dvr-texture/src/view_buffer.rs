@@ -20,7 +20,8 @@ const CLEARANCE: f32 = 2e-3;
 /// Steepest slope, as a tangent between line of sight and normal, for which the margin of the depth test grows.
 const MAX_TANGENT: f32 = 5.0;
 
-/// Cells of all z-buffers together, at most. Where photographs have more pixels, a cell is several pixels wide.
+/// Cells of all z-buffers together, at most, where the texture's size does not ask for more. Where photographs have more
+/// pixels, a cell is several pixels wide.
 const MAX_CELLS: u64 = 64_000_000;
 
 /// Pixels along the edge of a cell where all of these views are drawn.

@@ -78,13 +78,19 @@ fn views_of<'a>(args: &TextureArgs, scene: &'a Scene) -> Result<Vec<&'a View>> {
 
 /// What a texture is, in a line.
 pub fn sentence(report: &TextureReport) -> String {
-    let TextureReport { size, charts, cover, seen, normal_map } = report;
+    let TextureReport { size, charts, cover, seen, cell, normal_map } = report;
     let [cover, seen] = [cover, seen].map(|share| 100.0 * share);
     let normals = normal_map.map_or_else(String::new, |NormalMapReport { size, met }| {
         format!("; normal map: {size}x{size} texels, the full mesh met along the normals at {:.1} %", 100.0 * met)
     });
+    let cells = match cell {
+        1 => String::new(),
+        cell => format!(
+            "; one pixel in {cell}x{cell} of the photographs gave it a colour: a larger texture takes more of them where there is memory"
+        ),
+    };
     format!(
-        "texture: {size}x{size} texels, {charts} charts on {cover:.0} % of them; photographs show {seen:.1} %{normals}"
+        "texture: {size}x{size} texels, {charts} charts on {cover:.0} % of them; photographs show {seen:.1} %{cells}{normals}"
     )
 }
 

@@ -12,7 +12,7 @@ fn textured(mesh: Mesh, size: u32, cover: f64, corner_uvs: Vec<[Vec2; 3]>) -> Te
     let materials = vec![Material { base_color: [1.0; 3], texture: Some(Arc::new(picture)) }];
     Textured {
         mesh: TexturedMesh { mesh, corner_uvs, materials, ..TexturedMesh::default() },
-        report: TextureReport { size, charts: 1, cover, seen: 1.0, normal_map: None },
+        report: TextureReport { size, charts: 1, cover, seen: 1.0, cell: 1, normal_map: None },
     }
 }
 
