@@ -28,6 +28,12 @@ impl Progress {
 
 impl Observer for Progress {
     fn phase(&mut self, name: &str, steps: usize) {
+        if name == self.name && self.bar.length().is_some() && !self.bar.is_finished() {
+            // The same work turned out to be longer or shorter.
+            self.total = steps;
+            self.bar.set_length(steps as u64);
+            return;
+        }
         self.bar.finish_and_clear();
         (self.name, self.total) = (name.to_owned(), steps);
         self.last_line = Instant::now();

@@ -2,7 +2,7 @@
 
 /// Hears how a run goes on.
 pub trait Observer {
-    /// A phase of so many steps begins.
+    /// A phase of so many steps begins; or, where it has begun and is not at its end, turns out to have so many.
     fn phase(&mut self, name: &str, steps: usize);
     /// So many steps of the phase are done.
     fn progress(&mut self, done: usize, message: &str);

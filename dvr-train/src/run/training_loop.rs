@@ -80,7 +80,8 @@ impl<'r> TrainingLoop<'r> {
                 self.options.folder.forget_view_color()?;
             }
         }
-        observer.phase("training", learner.total_steps());
+        let mut announced = learner.total_steps();
+        observer.phase("training", announced);
         let mut stop = Stop::Done;
         while learner.steps_done() < learner.total_steps() {
             let report = learner.step()?;
@@ -89,6 +90,11 @@ impl<'r> TrainingLoop<'r> {
             self.header.notes.extend(notes);
             stop = self.stop();
             self.after_step(learner, &report, stop)?;
+            // A pass more, or finer cells that are not worth it.
+            if announced != learner.total_steps() {
+                announced = learner.total_steps();
+                observer.phase("training", announced);
+            }
             observer.progress(report.step, &self.message(&report));
             if stop != Stop::Done {
                 break;
