@@ -48,7 +48,8 @@ fn broken(problem: impl std::fmt::Display) -> ViewColorError {
 }
 
 impl ViewColor {
-    /// As bytes: indices of nodes in 32 bits, coefficients in 16, changes in 8. `surface` is what it was fitted to, in the caller's words.
+    /// As bytes: indices of nodes in 32 bits, coefficients in 16, changes in 8. `surface` is what it was fitted to, in the
+    /// caller's words.
     ///
     /// # Errors
     /// When the container cannot hold them.

@@ -186,20 +186,28 @@ mod tests {
     use super::*;
     use crate::{MeshShader, Shaded, view_metrics};
 
-    /// A ball that is brighter where it is seen head-on, in one channel, and in another where it is seen from the right.
-    struct Shiny<'a>(MeshShader<'a>);
+    /// A mesh whose colour follows from the unit vectors along which it is seen, and to which it is turned.
+    struct Painted<'a>(MeshShader<'a>, fn(Vec3, Vec3) -> [f32; 3]);
 
-    impl Shader for Shiny<'_> {
+    impl Shader for Painted<'_> {
         fn shade(&self, rays: &[Ray]) -> Vec<Option<Shaded>> {
-            let shiny = |(shaded, ray): (Option<Shaded>, &Ray)| {
+            let painted = |(shaded, ray): (Option<Shaded>, &Ray)| {
                 let direction = ray.direction.normalize().as_vec3();
-                shaded.map(|shaded| {
-                    let facing = -direction.dot(Vec3::from(shaded.normal));
-                    Shaded { color: [0.3 + 0.5 * facing * facing, 0.5 + 0.3 * direction.x, 0.4], ..shaded }
-                })
+                shaded.map(|shaded| Shaded { color: self.1(direction, shaded.normal.into()), ..shaded })
             };
-            self.0.shade(rays).into_iter().zip(rays).map(shiny).collect()
+            self.0.shade(rays).into_iter().zip(rays).map(painted).collect()
         }
+    }
+
+    /// Brighter where it is seen head-on, in one channel, and in another where it is seen from the right.
+    fn shiny(direction: Vec3, normal: Vec3) -> [f32; 3] {
+        [0.3 + 0.5 * direction.dot(normal).powi(2), 0.5 + 0.3 * direction.x, 0.4]
+    }
+
+    /// With a narrow stripe that turns with the camera.
+    fn striped(direction: Vec3, normal: Vec3) -> [f32; 3] {
+        let aside = direction.cross(Vec3::Y).normalize_or_zero().dot(normal);
+        [0.3 + 0.5 * (-(aside / 0.15).powi(2)).exp(), 0.5, 0.4]
     }
 
     /// Photographs of what a shader shows, from all around.
@@ -224,10 +232,10 @@ mod tests {
     fn what_depends_on_the_direction_is_found_also_for_directions_that_no_photograph_has() {
         let mut ball = shapes::icosphere(4, 0.3);
         ball.colors = Some(vec![[0.5; 3]; ball.vertices.len()]);
-        let (plain, shiny) = (MeshShader::new(&ball), Shiny(MeshShader::new(&ball)));
+        let (plain, shining) = (MeshShader::new(&ball), Painted(MeshShader::new(&ball), shiny));
         let exposure = Exposure::from_logs([0.1, -0.1, 0.05]);
-        let train = photographs(&shiny, (0..16).map(|i| 0.39 * f64::from(i)), exposure);
-        let test = photographs(&shiny, (0..4).map(|i| 0.2 + 1.5 * f64::from(i)), Exposure::default());
+        let train = photographs(&shining, (0..16).map(|i| 0.39 * f64::from(i)), exposure);
+        let test = photographs(&shining, (0..4).map(|i| 0.2 + 1.5 * f64::from(i)), Exposure::default());
         let (train, test): (Vec<&View>, Vec<&View>) = (train.iter().collect(), test.iter().collect());
         let of_threads = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -246,30 +254,14 @@ mod tests {
         assert_eq!(found.at(Vec3::ZERO, direction), Vec3::ZERO);
     }
 
-    /// A ball with a narrow stripe that turns with the camera.
-    struct Striped<'a>(MeshShader<'a>);
-
-    impl Shader for Striped<'_> {
-        fn shade(&self, rays: &[Ray]) -> Vec<Option<Shaded>> {
-            let striped = |(shaded, ray): (Option<Shaded>, &Ray)| {
-                let direction = ray.direction.normalize().as_vec3();
-                shaded.map(|shaded| {
-                    let aside = direction.cross(Vec3::Y).normalize_or_zero().dot(Vec3::from(shaded.normal));
-                    Shaded { color: [0.3 + 0.5 * (-(aside / 0.15).powi(2)).exp(), 0.5, 0.4], ..shaded }
-                })
-            };
-            self.0.shade(rays).into_iter().zip(rays).map(striped).collect()
-        }
-    }
-
     #[test]
     fn what_changes_fast_with_the_direction_is_blended_from_photographs_nearby() {
         let mut ball = shapes::icosphere(4, 0.3);
         ball.colors = Some(vec![[0.5; 3]; ball.vertices.len()]);
-        let (plain, striped) = (MeshShader::new(&ball), Striped(MeshShader::new(&ball)));
+        let (plain, stripes) = (MeshShader::new(&ball), Painted(MeshShader::new(&ball), striped));
         let exposure = Exposure::from_logs([0.1, -0.1, 0.05]);
-        let train = photographs(&striped, (0..32).map(|i| 0.196 * f64::from(i)), exposure);
-        let test = photographs(&striped, (0..4).map(|i| 0.1 + 1.568 * f64::from(i)), Exposure::default());
+        let train = photographs(&stripes, (0..32).map(|i| 0.196 * f64::from(i)), exposure);
+        let test = photographs(&stripes, (0..4).map(|i| 0.1 + 1.568 * f64::from(i)), Exposure::default());
         let (seen, test): (Vec<&View>, Vec<&View>) = (train.iter().collect(), test.iter().collect());
         let cancellation = Cancellation::default();
         let slow = ViewColor::fit(&plain, &seen, &cancellation).unwrap().unwrap();
