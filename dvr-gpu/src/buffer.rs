@@ -4,8 +4,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use burn::backend::ops::{FloatTensorOps, IntTensorOps};
 use burn::backend::tensor::FloatTensor;
-use burn::backend::{Cube, TensorMetadata};
-use burn::tensor::{FloatDType, IntDType, Shape, TensorData};
+use burn::backend::{Cube, DispatchDevice, TensorMetadata};
+use burn::tensor::{Device, FloatDType, IntDType, Shape, TensorData};
 use cubecl::client::Client;
 
 use crate::memory::{CubeDevice, beyond_limit};
@@ -71,8 +71,14 @@ pub struct Buffers {
 
 impl Buffers {
     /// Buffers of a device, and the client through which its kernels are launched.
-    pub fn new(client: Client, device: CubeDevice) -> Self {
-        Self { client, device, reads: AtomicUsize::new(0) }
+    ///
+    /// # Errors
+    /// When it is no GPU.
+    pub fn on(device: &Device) -> Result<Self, DeviceError> {
+        let DispatchDevice::Cube(device) = device.clone().inner().as_dispatch().clone() else {
+            return Err(DeviceError::NoGpu);
+        };
+        Ok(Self { client: device.client(), device, reads: AtomicUsize::new(0) })
     }
 
     /// How often the device was waited for.

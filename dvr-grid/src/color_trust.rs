@@ -12,10 +12,9 @@ use std::ops::Range;
 use glam::Vec3;
 use rayon::prelude::*;
 
-use crate::bricks::BrickOccupancy;
+use crate::bricks::{BrickOccupancy, BrickValues};
 use crate::config::GridConfig;
 use crate::losses::GridLosses;
-use crate::multires::Grids;
 use crate::pixel_order::PixelOrder;
 use crate::step::draw::{DrawnRay, compared, draw};
 use crate::surface::Surface;
@@ -82,13 +81,13 @@ impl Agreement {
 
 /// How far views agree: by the pixels that come after `rays_drawn`. In full where there is little to compare.
 pub(crate) fn agreement(
-    grids: &Grids,
+    shape: &BrickValues<1>,
     views: &[TrainingView],
     order: &PixelOrder,
     config: &GridConfig,
     rays_drawn: u64,
 ) -> Agreement {
-    let found = differences(grids, views, order, config, rays_drawn..rays_drawn + PIXELS);
+    let found = differences(shape, views, order, config, rays_drawn..rays_drawn + PIXELS);
     if found.len() < FEWEST {
         return Agreement::FULL;
     }
@@ -99,13 +98,13 @@ pub(crate) fn agreement(
 /// The mean difference in colour between views, summed over the channels, of the points of a surface that `is_asked` says, and
 /// of the others; `None` where there is little to compare.
 pub(crate) fn differences_by(
-    grids: &Grids,
+    shape: &BrickValues<1>,
     views: &[TrainingView],
     order: &PixelOrder,
     config: &GridConfig,
     is_asked: impl Fn(Vec3) -> bool,
 ) -> [Option<f32>; 2] {
-    let found = differences(grids, views, order, config, 0..PARTS * PIXELS);
+    let found = differences(shape, views, order, config, 0..PARTS * PIXELS);
     let (asked, others): (Vec<_>, Vec<_>) = found.into_iter().partition(|(point, _)| is_asked(*point));
     [asked, others].map(|part| {
         let sum: f32 = part.iter().map(|(_, difference)| difference).sum();
@@ -115,14 +114,14 @@ pub(crate) fn differences_by(
 
 /// Points where the rays with these numbers meet a surface, with how far the colours of other views differ there.
 fn differences(
-    grids: &Grids,
+    shape: &BrickValues<1>,
     views: &[TrainingView],
     order: &PixelOrder,
     config: &GridConfig,
     rays: Range<u64>,
 ) -> Vec<(Vec3, f32)> {
-    let occupancy = BrickOccupancy::new(grids.shape.values());
-    let surface = Surface::of(grids.shape.values(), &occupancy);
+    let occupancy = BrickOccupancy::new(shape);
+    let surface = Surface::of(shape, &occupancy);
     let ask = |ray: u64| {
         let DrawnRay { view, pixel, seed } = draw(order, config.seed, ray);
         let own = &views[view as usize];
@@ -182,7 +181,8 @@ mod tests {
         // Speckles on a ball that is a little too small.
         let mut fixture = Fixture::speckled_ball(0.29, GridLosses::default());
         let trust = |fixture: &Fixture| {
-            agreement(&fixture.grids, &fixture.views, &fixture.order, &fixture.config, fixture.rays_drawn).trust()
+            agreement(fixture.grids.shape.values(), &fixture.views, &fixture.order, &fixture.config, fixture.rays_drawn)
+                .trust()
         };
         let constant = trust(&fixture);
         assert!(constant > 0.9, "{constant}");
@@ -196,7 +196,7 @@ mod tests {
         // Speckles on a ball of radius .3, and a surface like that of a hull that closes a mouth.
         let difference = |radius: f32, is_asked: fn(Vec3) -> bool| {
             let Fixture { grids, views, order, config, .. } = Fixture::speckled_ball(radius, GridLosses::default());
-            differences_by(&grids, &views, &order, &config, is_asked)
+            differences_by(grids.shape.values(), &views, &order, &config, is_asked)
         };
         let [right, wrong] = [0.3, 0.4].map(|radius| difference(radius, |at| at.x > 0.0).map(Option::unwrap));
         assert!(right[0] < 0.1 * wrong[0] && right[1] < 0.1 * wrong[1], "{right:?} {wrong:?}");

@@ -1,6 +1,7 @@
 //! In which order the pixels of all photographs are drawn.
 
 use dvr_core::hull::MaskDistance;
+use rayon::prelude::*;
 
 use crate::views::TrainingView;
 
@@ -16,9 +17,13 @@ pub(crate) struct PixelOrder {
 impl PixelOrder {
     /// Takes the pixels of each mask and those within `margin` of it. Views are shrunk by `factor`; `masks` and `margin`
     /// count pixels of their full size.
-    pub fn new(views: &[TrainingView], factor: u32, masks: &[MaskDistance], margin: impl Fn(usize) -> f32) -> Self {
-        let (mut runs, mut total) = (Vec::new(), 0);
-        for (i, (view, mask)) in views.iter().zip(masks).enumerate() {
+    pub fn new(
+        views: &[TrainingView],
+        factor: u32,
+        masks: &[MaskDistance],
+        margin: impl Fn(usize) -> f32 + Sync,
+    ) -> Self {
+        let of_view = |(i, (view, mask)): (usize, (&TrainingView, &MaskDistance))| {
             let [width, height] = view.size();
             let margin = margin(i);
             let near = |&index: &u32| {
@@ -26,13 +31,21 @@ impl PixelOrder {
                 let of_middle = |at: u32| factor * at + factor / 2;
                 view.is_object(u, v) || mask.of_pixel(of_middle(u), of_middle(v)) > -margin
             };
-            let mut expected = None;
+            let mut runs: Vec<(u32, u32)> = Vec::new();
             for index in (0..width * height).filter(near) {
-                if expected != Some(index) {
-                    runs.push((total, i as u32, index));
+                match runs.last_mut() {
+                    Some((first, length)) if *first + *length == index => *length += 1,
+                    _ => runs.push((index, 1)),
                 }
-                expected = Some(index + 1);
-                total += 1;
+            }
+            runs
+        };
+        let of_views: Vec<Vec<(u32, u32)>> = views.par_iter().zip(masks).enumerate().map(of_view).collect();
+        let (mut runs, mut total) = (Vec::new(), 0);
+        for (view, of_view) in (0..).zip(of_views) {
+            for (first, length) in of_view {
+                runs.push((total, view, first));
+                total += u64::from(length);
             }
         }
         Self { runs, total, stride: coprime_near(0.618_034 * total as f64, total) }

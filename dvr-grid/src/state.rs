@@ -52,7 +52,9 @@ pub(crate) fn to_bytes(progress: &Progress, present: &Grids, kept: Option<&Grids
     let named = [(PRESENT, Some(present)), (KEPT, kept)];
     let mut tensors: Vec<(String, Vec<u8>)> = Vec::new();
     let mut add = |name: String, values: Vec<f32>| {
-        tensors.push((name, values.iter().flat_map(|v| v.to_le_bytes()).collect()));
+        let mut bytes = vec![0; 4 * values.len()];
+        bytes.as_chunks_mut::<4>().0.iter_mut().zip(values).for_each(|(bytes, value)| *bytes = value.to_le_bytes());
+        tensors.push((name, bytes));
     };
     for (names, grids) in named {
         let Some(Grids { shape, color }) = grids else { continue };

@@ -231,9 +231,9 @@ impl<'a> GridTrainer<'a> {
             && self.step > 0
             && within.is_multiple_of(color_trust::EVERY)
         {
-            let grids = self.backend.grids()?;
+            let shape = self.backend.shape_values()?;
             let PyramidLevel { views, order, .. } = &self.photographs;
-            let agreement = agreement(&grids, views, order, &self.config, self.rays_drawn);
+            let agreement = agreement(&shape, views, order, &self.config, self.rays_drawn);
             self.trust_colors(agreement);
         }
         let (decay, warm_up) = (self.decay(), self.warm_up());
@@ -266,9 +266,9 @@ impl<'a> GridTrainer<'a> {
 
     /// Solves for the exposures of the photographs and corrects them, where that makes views agree.
     fn solve_exposures(&mut self) -> Result<()> {
-        let grids = self.backend.grids()?;
+        let shape = self.backend.shape_values()?;
         let PyramidLevel { views, order, .. } = &self.photographs;
-        let solved = exposure::solve(&grids, views, order, &self.config, self.rays_drawn);
+        let solved = exposure::solve(&shape, views, order, &self.config, self.rays_drawn);
         let believed = solved.filter(|solved| solved.check.is_passed());
         let was_corrected = !self.exposures.is_empty();
         match &believed {

@@ -348,6 +348,17 @@ impl BrickLayout {
         (0..self.rows.len()).flat_map(move |slot| lanes(slot).map(move |lane| (slot, lane)))
     }
 
+    /// The active nodes, row by row as [`BrickLayout::active_places`].
+    #[cfg(feature = "gpu")]
+    pub fn active_indices(&self) -> impl Iterator<Item = usize> + '_ {
+        let rows =
+            self.bricks.iter().flat_map(move |brick| brick.rows().map(move |slot| (slot, self.place(brick, slot))));
+        rows.flat_map(move |(slot, [brick, y, z])| {
+            let lanes = (0..EDGE).filter(move |&lane| self.active_nodes(slot) >> lane & 1 == 1);
+            lanes.map(move |lane| self.grid.index([brick * EDGE + lane, y, z]))
+        })
+    }
+
     /// Rows of the active nodes, and which of its row each is, in their order.
     pub fn slots<'a>(&'a self, active: &'a ActiveNodes) -> impl Iterator<Item = (usize, usize)> + 'a {
         runs(active).flat_map(move |([x, y, z], length)| {

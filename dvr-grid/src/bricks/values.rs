@@ -156,6 +156,24 @@ impl<const C: usize> BrickValues<C> {
         Some(values)
     }
 
+    /// The same with these numbers at the active nodes, given in their order.
+    #[cfg(feature = "gpu")]
+    pub fn with_active(&self, active: &ActiveNodes, given: &[f32]) -> Self {
+        let mut values = self.clone();
+        for ((slot, lane), given) in self.layout.slots(active).zip(given.as_chunks::<C>().0) {
+            values.rows[slot][lane] = *given;
+        }
+        values
+    }
+
+    /// The active nodes, row by row, and their numbers: all that is not interpolated, where there is a coarser grid.
+    #[cfg(feature = "gpu")]
+    pub fn active_nodes(&self) -> (Vec<u32>, Vec<f32>) {
+        let nodes = self.layout.active_indices().map(|node| node as u32).collect();
+        let numbers = self.layout.active_places().flat_map(|(slot, lane)| self.rows[slot][lane]).collect();
+        (nodes, numbers)
+    }
+
     /// The numbers of a node.
     #[inline]
     pub fn at(&self, at: [usize; 3]) -> [f32; C] {

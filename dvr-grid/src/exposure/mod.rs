@@ -11,8 +11,8 @@ mod samples;
 
 use dvr_core::Exposure;
 
+use crate::bricks::BrickValues;
 use crate::config::GridConfig;
-use crate::multires::Grids;
 use crate::pixel_order::PixelOrder;
 use crate::views::TrainingView;
 use least_squares::{Ratio, gains, residual};
@@ -77,13 +77,13 @@ impl Solved {
 
 /// From the present surface, with the pixels that come after `rays_drawn`; `None` where views hardly see the same.
 pub(crate) fn solve(
-    grids: &Grids,
+    shape: &BrickValues<1>,
     views: &[TrainingView],
     order: &PixelOrder,
     config: &GridConfig,
     rays_drawn: u64,
 ) -> Option<Solved> {
-    let samples = samples(grids, views, order, config, rays_drawn);
+    let samples = samples(shape, views, order, config, rays_drawn);
     let check = check(&samples, views.len())?;
     let logs = [0, 1, 2].map(|channel| gains(&ratios(&samples, channel, |_| true), views.len()));
     let of_view = |view: usize| Exposure::from_logs([0, 1, 2].map(|channel| logs[channel][view]));

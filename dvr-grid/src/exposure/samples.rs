@@ -4,9 +4,8 @@ use dvr_core::Exposure;
 use glam::Vec3;
 use rayon::prelude::*;
 
-use crate::bricks::BrickOccupancy;
+use crate::bricks::{BrickOccupancy, BrickValues};
 use crate::config::GridConfig;
-use crate::multires::Grids;
 use crate::pixel_order::{PixelOrder, mix};
 use crate::step::draw::{DrawnRay, draw};
 use crate::surface::Surface;
@@ -34,14 +33,14 @@ pub(super) struct Sample {
 
 /// Pairs of colours at the pixels that come after `rays_drawn`.
 pub(super) fn samples(
-    grids: &Grids,
+    shape: &BrickValues<1>,
     views: &[TrainingView],
     order: &PixelOrder,
     config: &GridConfig,
     rays_drawn: u64,
 ) -> Vec<Sample> {
-    let occupancy = BrickOccupancy::new(grids.shape.values());
-    let surface = Surface::of(grids.shape.values(), &occupancy);
+    let occupancy = BrickOccupancy::new(shape);
+    let surface = Surface::of(shape, &occupancy);
     let of_pixel = |count: u64| {
         let DrawnRay { view, pixel, .. } = draw(order, config.seed, rays_drawn + count);
         of_pixel(&surface, views, view, pixel)

@@ -4,7 +4,6 @@ use std::sync::Arc;
 
 use burn::tensor::{Device, Tensor};
 use dvr_core::Ray;
-use dvr_core::voxel::VoxelGrid;
 use dvr_gpu::DeviceError;
 use dvr_render::extract::ScalarField;
 use dvr_render::{
@@ -16,7 +15,7 @@ use glam::Vec3;
 use crate::field::exact_marcher::{ExactCrossing, ExactMarcher};
 use crate::field::grid_field::GridField;
 use crate::field::tensors::{scalars, triples, vectors};
-use crate::gpu::{GpuGridView, NodeValues};
+use crate::gpu::GpuGridView;
 
 /// A [`GridField`] on a device: rays and points are asked there, with the same answers but for rounding.
 ///
@@ -34,12 +33,7 @@ impl GpuGridField {
     /// # Errors
     /// When it is not a GPU, or the field is too large for it.
     pub fn new(field: GridField, device: &Device) -> Result<Self, DeviceError> {
-        fn given<'a>(grid: &VoxelGrid, values: &'a [f32]) -> NodeValues<'a> {
-            NodeValues { nodes: grid.nodes(), half_extent: grid.half_extent(), values }
-        }
-        let (shape, color) = (field.shape(), field.color());
-        let (values, colors) = (shape.to_dense(), color.to_dense());
-        let viewer = GpuGridView::new(device, given(shape.grid(), &values), given(color.grid(), &colors))?;
+        let viewer = GpuGridView::new(device, &field)?;
         Ok(Self { field, viewer: Arc::new(viewer) })
     }
 

@@ -2,12 +2,34 @@
 
 #![allow(missing_docs)]
 
+use burn::tensor::IntDType;
 use cubecl::prelude::*;
+use dvr_gpu::{Buffer, Buffers, DeviceError};
+
+use super::launch::{groups, units};
 
 /// Words per row of nodes.
 #[cube]
 pub(crate) fn words(nodes: u32) -> u32 {
     (nodes - 1u32) / 32u32 + 1u32
+}
+
+/// Whether each node is not negative, a bit each, in rows of whole words.
+#[cube(launch)]
+pub(crate) fn signs(values: &[f32], inside: &mut [u32], nodes: u32) {
+    let words = words(nodes);
+    let at = ABSOLUTE_POS as u32;
+    if at < words * nodes * nodes {
+        let (first, row) = (at % words * 32u32, at / words);
+        let mut bits = 0u32;
+        for bit in 0..32u32 {
+            let x = first + bit;
+            if x < nodes && values[(row * nodes + x) as usize] >= 0.0f32 {
+                bits |= 1u32 << bit;
+            }
+        }
+        inside[at as usize] = bits;
+    }
 }
 
 /// Brings the bits of the active nodes up to date, in rows of whole words: whether their values are not negative.
@@ -56,8 +78,41 @@ fn any(inside: &[u32], word: u32, y: u32, z: u32, nodes: u32, words: u32) -> u32
         | inside[(above + words) as usize]
 }
 
-/// Whether each node is not negative, a bit each, in rows of whole words.
-pub(crate) fn bits(nodes: usize, values: &[f32]) -> Vec<u32> {
-    let rows = values.chunks(nodes).flat_map(|row| row.chunks(32));
-    rows.map(|run| run.iter().zip(0..).fold(0, |word, (value, bit)| word | u32::from(*value >= 0.0) << bit)).collect()
+/// Whether each of these values is not negative, a bit each, in rows of whole words.
+///
+/// # Errors
+/// When there is no room for them.
+pub(crate) fn signs_of(buffers: &Buffers, values: &Buffer, nodes: usize) -> Result<Buffer, DeviceError> {
+    let count = nodes.div_ceil(32) * nodes * nodes;
+    let inside = buffers.zeros("signs of nodes", count, IntDType::U32)?;
+    signs::launch(
+        &buffers.client,
+        groups(&buffers.client, count),
+        units(),
+        values.clone().into_buffer_arg(),
+        inside.clone().into_buffer_arg(),
+        nodes as u32,
+    );
+    Ok(inside)
+}
+
+/// Room for the marks of the cells of a grid of `nodes` nodes along an edge.
+///
+/// # Errors
+/// When there is none.
+pub(crate) fn marks_of(buffers: &Buffers, nodes: usize) -> Result<Buffer, DeviceError> {
+    buffers.zeros("marks of cells", nodes.div_ceil(32) * (nodes - 1).pow(2), IntDType::U32)
+}
+
+/// Marks the cells between nodes with these signs.
+pub(crate) fn update(buffers: &Buffers, inside: &Buffer, marks: &Buffer, nodes: usize) {
+    let client = &buffers.client;
+    mark::launch(
+        client,
+        groups(client, nodes.div_ceil(32) * (nodes - 1).pow(2)),
+        units(),
+        inside.clone().into_buffer_arg(),
+        marks.clone().into_buffer_arg(),
+        nodes as u32,
+    );
 }

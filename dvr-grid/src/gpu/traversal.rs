@@ -8,6 +8,7 @@ use cubecl::prelude::*;
 use super::cubic::{Cubic, NOWHERE};
 use super::occupancy::words;
 use super::voxel::{Grid, Point, grid};
+use crate::active::ActiveNodes;
 
 /// Farther than anything.
 pub(crate) const FAR: f32 = 3.0e38;
@@ -34,21 +35,22 @@ impl RegionLaunch {
     }
 }
 
-/// The smallest box of cells that holds all that can ever be inside: from the first up to but without the second
-/// corner.
-pub(crate) fn region(nodes: usize, active: &[u32], values: &[f32]) -> [[u32; 3]; 2] {
-    let (mut low, mut high) = ([u32::MAX; 3], [0; 3]);
-    let (edge, last) = (nodes as u32, nodes as u32 - 1);
-    let inside = (0..).zip(values).filter(|(_, value)| **value >= 0.0).map(|(node, _)| node);
-    for node in inside.chain(active.iter().copied()) {
-        let coordinates = [node % edge, node / edge % edge, node / (edge * edge)];
-        for axis in 0..3 {
-            // The cells on either side of a node.
-            low[axis] = low[axis].min(coordinates[axis].saturating_sub(1));
-            high[axis] = high[axis].max((coordinates[axis] + 1).min(last));
+/// The smallest box of cells that holds all that can ever be inside: the cells that are marked now, from the first up to
+/// but without the second corner of `marked`, and those on either side of nodes that may change.
+pub(crate) fn region(marked: [[usize; 3]; 2], active: &ActiveNodes) -> [[u32; 3]; 2] {
+    let (mut low, mut high) = (marked[0], marked[1]);
+    if high == [0; 3] {
+        low = [usize::MAX; 3];
+    }
+    let grid = active.grid();
+    for &(start, length) in (0..grid.nodes()).flat_map(|z| active.layer(z)) {
+        let [x, y, z] = grid.coordinates(start as usize);
+        for (axis, [first, last]) in [[x, x + length as usize - 1], [y, y], [z, z]].into_iter().enumerate() {
+            low[axis] = low[axis].min(first.saturating_sub(1));
+            high[axis] = high[axis].max((last + 1).min(grid.cells()));
         }
     }
-    if high == [0; 3] { [[0; 3]; 2] } else { [low, high] }
+    if high == [0; 3] { [[0; 3]; 2] } else { [low, high].map(|corner| corner.map(|at| at as u32)) }
 }
 
 #[cube]

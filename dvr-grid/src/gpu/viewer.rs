@@ -1,27 +1,20 @@
 //! A finished field on grids, kept on a device to be rendered.
 
-use burn::backend::DispatchDevice;
-use burn::tensor::{Device, IntDType};
+use burn::tensor::Device;
 use cubecl::prelude::*;
+use dvr_core::voxel::VoxelGrid;
 
+use super::dense::dense;
 use super::launch::{groups, units};
 use super::look::{self, RAY_COLUMNS, SHADED_COLUMNS};
-use super::occupancy::{self, bits};
+use super::occupancy;
 use super::traversal::{RegionLaunch, region};
+use crate::active::ActiveNodes;
+use crate::field::GridField;
+use crate::occupancy::SurfaceCells;
 use dvr_gpu::DeviceError;
 use dvr_gpu::rows_at_once;
 use dvr_gpu::{Buffer, Buffers};
-
-/// Values at the nodes of a grid over `[-half_extent, half_extent]^3`, x fastest, some numbers per node.
-#[derive(Clone, Copy, Debug)]
-pub struct NodeValues<'a> {
-    /// Nodes along an edge.
-    pub nodes: usize,
-    /// Half the edge length.
-    pub half_extent: f32,
-    /// The numbers.
-    pub values: &'a [f32],
-}
 
 /// An occupancy logit and three channels of colour, each interpolated between the nodes of a grid, on a device. Rays
 /// meet its surface exactly, as they do in training.
@@ -39,30 +32,19 @@ pub struct GpuGridView {
 }
 
 impl GpuGridView {
-    /// Brings a shape, one number per node, and its colours, three per node, to a device.
+    /// Brings a field to a device.
     ///
     /// # Errors
-    /// When it is no GPU, or they are too large for it.
-    pub fn new(device: &Device, shape: NodeValues, color: NodeValues) -> Result<Self, DeviceError> {
-        let DispatchDevice::Cube(cube) = device.clone().inner().as_dispatch().clone() else {
-            return Err(DeviceError::NoGpu);
-        };
-        let buffers = Buffers::new(cube.client(), cube);
-        let nodes = shape.nodes;
-        let inside = buffers.words("signs of nodes", bits(nodes, shape.values))?;
-        let words = nodes.div_ceil(32) * (nodes - 1) * (nodes - 1);
-        let marks = buffers.zeros("marks of cells", words, IntDType::U32)?;
-        occupancy::mark::launch(
-            &buffers.client,
-            groups(&buffers.client, words),
-            units(),
-            inside.into_buffer_arg(),
-            marks.clone().into_buffer_arg(),
-            nodes as u32,
-        );
-        let (values, colors) = (shape.values.to_vec(), color.values.to_vec());
-        let (values, colors) =
-            (buffers.floats("values of nodes", values)?, buffers.floats("colours of nodes", colors)?);
+    /// When it is no GPU, or the field is too large for it.
+    pub fn new(device: &Device, field: &GridField) -> Result<Self, DeviceError> {
+        let buffers = Buffers::on(device)?;
+        let grids = [field.shape_grid(), field.color().grid()];
+        let nodes = grids[0].nodes();
+        let values = dense(&buffers, field.shape())?;
+        let inside = occupancy::signs_of(&buffers, &values, nodes)?;
+        let marks = occupancy::marks_of(&buffers, nodes)?;
+        occupancy::update(&buffers, &inside, &marks, nodes);
+        let colors = dense(&buffers, field.color())?;
         // Found out now, not at the first question.
         buffers.check(
             "rays to look at it",
@@ -72,9 +54,9 @@ impl GpuGridView {
             values,
             colors,
             marks,
-            region: region(nodes, &[], shape.values),
-            nodes: [shape.nodes, color.nodes].map(|nodes| nodes as u32),
-            half_extent: [shape.half_extent, color.half_extent],
+            region: region(field.occupancy().range(), &ActiveNodes::none(grids[0])),
+            nodes: grids.map(|grid| grid.nodes() as u32),
+            half_extent: grids.map(VoxelGrid::half_extent),
             buffers,
         })
     }

@@ -119,6 +119,13 @@ impl<const C: usize> MultiResGrid<C> {
         });
     }
 
+    /// Whether anything differs from how levels start: a step was done, or a parameter moved.
+    #[cfg(feature = "gpu")]
+    pub fn is_touched(&self) -> bool {
+        let moved = |level: &Level<C>| level.parameters.par_iter().any(|row| *row != [[0.0; C]; EDGE]);
+        self.steps > 0 || self.levels.iter().any(moved)
+    }
+
     /// Levels besides the finest.
     pub fn coarser(&self) -> usize {
         self.levels.len() - 1

@@ -4,6 +4,7 @@ use std::borrow::Cow;
 
 use dvr_render::SlopeRule;
 
+use crate::bricks::BrickValues;
 use crate::clock::PartTimes;
 use crate::config::GridConfig;
 use crate::error::Result;
@@ -89,6 +90,12 @@ pub(crate) trait StepBackend: Send {
     /// # Errors
     /// When the device fails.
     fn grids(&self) -> Result<Cow<'_, Grids>>;
+
+    /// The shape at the nodes as the steps so far have left it: all that is asked for between steps.
+    ///
+    /// # Errors
+    /// When the device fails.
+    fn shape_values(&self) -> Result<Cow<'_, BrickValues<1>>>;
 
     /// Parameters of the grids: does not wait for a device.
     fn parameters(&self) -> usize;

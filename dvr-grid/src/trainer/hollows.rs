@@ -108,7 +108,7 @@ impl<'a> GridTrainer<'a> {
         let hull = self.refinement.first_of_whole_hull(&self.config)?;
         let PyramidLevel { views, order, .. } = &self.photographs;
         let is_mouth = |point| self.refinement.is_carved(point);
-        let [mouths, rest] = differences_by(&hull, views, order, &self.config, is_mouth);
+        let [mouths, rest] = differences_by(hull.shape.values(), views, order, &self.config, is_mouth);
         let least = MOUTH_DIFFERENCE.max(MOUTH_CONTRAST * rest.unwrap_or(0.0));
         Ok(mouths.is_some_and(|mouths| mouths >= least))
     }

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::gather::{gather_color, gather_shape};
 use super::rays::{RayContext, RayGradient};
-use crate::bricks::BrickOccupancy;
+use crate::bricks::{BrickOccupancy, BrickValues};
 use crate::clock::Part;
 use crate::color;
 use crate::error::Result;
@@ -118,6 +118,10 @@ impl StepBackend for CpuBackend {
 
     fn grids(&self) -> Result<Cow<'_, Grids>> {
         Ok(Cow::Borrowed(&self.grids))
+    }
+
+    fn shape_values(&self) -> Result<Cow<'_, BrickValues<1>>> {
+        Ok(Cow::Borrowed(self.grids.shape.values()))
     }
 
     fn parameters(&self) -> usize {

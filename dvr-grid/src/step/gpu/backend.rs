@@ -10,6 +10,7 @@ use burn::tensor::Device;
 use rayon::prelude::*;
 
 use super::kernels::{Kernels, Photographs};
+use crate::bricks::BrickValues;
 use crate::clock::Part;
 use crate::config::GridConfig;
 use crate::error::{Error, Result};
@@ -110,6 +111,11 @@ impl StepBackend for GpuBackend {
         }
     }
 
+    fn shape_values(&self) -> Result<Cow<'_, BrickValues<1>>> {
+        let shape = &self.uploaded.shape;
+        Ok(Cow::Owned(shape.values().with_active(shape.active(), &self.kernels.shape_values()?)))
+    }
+
     fn parameters(&self) -> usize {
         self.uploaded.parameters()
     }
@@ -120,8 +126,8 @@ fn photographs(views: &[TrainingView], has_depth: bool) -> Photographs {
     let mut photographs = Photographs::default();
     for view in views {
         photographs.views.push(view.record());
-        photographs.pixels.extend(view.packed_pixels());
     }
+    photographs.pixels = views.par_iter().flat_map_iter(TrainingView::packed_pixels).collect();
     if has_depth {
         photographs.z_depths.extend(views.iter().flat_map(TrainingView::z_depths));
     }

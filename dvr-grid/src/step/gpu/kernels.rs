@@ -1,6 +1,5 @@
 //! The kernels of a step, one after the other, and the memory that they share.
 
-use burn::backend::DispatchDevice;
 use burn::tensor::{Device, IntDType};
 use dvr_gpu::{Buffer, Buffers, DeviceError};
 
@@ -52,10 +51,7 @@ impl Kernels {
     /// # Errors
     /// When it is no GPU, or they are too large for it.
     pub fn new(device: &Device, photographs: Photographs) -> Result<Self, DeviceError> {
-        let DispatchDevice::Cube(cube) = device.clone().inner().as_dispatch().clone() else {
-            return Err(DeviceError::NoGpu);
-        };
-        let buffers = Buffers::new(cube.client(), cube);
+        let buffers = Buffers::on(device)?;
         let bindings = buffers.client.properties().hardware.max_bindings;
         if bindings < BINDINGS {
             return Err(DeviceError::TooFewBindings { bindings });
@@ -215,6 +211,15 @@ impl Kernels {
             sums.smoothness = f64::from((sum / f64::from(near)) as f32);
         }
         Ok(sums)
+    }
+
+    /// The values of the shape at the active nodes of its finest level, in their order.
+    ///
+    /// # Errors
+    /// When the device fails.
+    pub fn shape_values(&self) -> Result<Vec<f32>, DeviceError> {
+        let Some(stage) = &self.stage else { return Ok(Vec::new()) };
+        stage.shape.values(&self.buffers)
     }
 
     /// Parameters and moments of shape and colour, as `MultiResGrid::state` lays them out.

@@ -1,11 +1,14 @@
 //! The levels of a grid on the device: the counterpart of `multires::levels`.
 
+#![allow(missing_docs)]
+
 use crate::constants::{BETA1, BETA2};
 use burn::tensor::IntDType;
 use cubecl::prelude::*;
 use dvr_gpu::{Buffer, Buffers, DeviceError};
 
 use super::pyramid;
+use crate::gpu::dense::{dense, read};
 use crate::gpu::launch::{NONE, groups, units};
 use crate::multires::MultiResGrid;
 
@@ -40,10 +43,10 @@ pub(crate) struct GpuGrid {
 impl GpuGrid {
     /// Brings levels to the device.
     pub fn new<const C: usize>(buffers: &Buffers, given: &MultiResGrid<C>) -> Result<Self, DeviceError> {
-        let (channels, state) = (C, given.state());
-        // Of the active nodes alone, in their order.
+        let channels = C;
+        // Of the active nodes alone, in their order. Where nothing has been learned yet, that is zero.
         let mut base = given.base();
-        let mut values = given.values().to_dense();
+        let state = given.is_touched().then(|| given.state()).unwrap_or_default();
         let given_levels: Vec<(usize, Vec<u32>)> =
             given.node_sets().map(|set| (set.grid().nodes(), set.iter().map(|node| node as u32).collect())).collect();
         let steps = state.first().copied().unwrap_or_default() as i32;
@@ -51,33 +54,32 @@ impl GpuGrid {
         let last = given_levels.len().saturating_sub(1);
         for (i, (nodes, active)) in given_levels.into_iter().enumerate() {
             let (count, total) = (active.len(), nodes.pow(3));
-            let mut slots = vec![NONE; total];
-            active.iter().zip(0..).for_each(|(&node, slot)| slots[node as usize] = slot);
             let length = channels * count;
-            let mut next = || {
+            let mut next = |what| {
                 let (own, others) = rest.split_at(length.min(rest.len()));
                 rest = others;
-                own.to_vec()
+                if own.is_empty() { buffers.zero_floats(what, length) } else { buffers.floats(what, own.to_vec()) }
             };
-            let (parameters, first, second) = (next(), next(), next());
+            let (parameters, first, second) = (next("parameters")?, next("first moments")?, next("second moments")?);
             let is_finest = i == last;
+            let active = buffers.words("active nodes", active)?;
             levels.push(Level {
                 nodes: nodes as u32,
                 count,
-                active: buffers.words("active nodes", active)?,
-                slots: buffers.words("slots of nodes", slots)?,
+                slots: slots_of(buffers, &active, count, total)?,
+                active,
                 gradient: buffers.zero_floats("a gradient", length)?,
                 sums: match is_finest {
-                    true => buffers.floats("values of nodes", std::mem::take(&mut values))?,
+                    true => dense(buffers, given.values())?,
                     false => buffers.zero_floats("values of nodes", channels * total)?,
                 },
                 base: match is_finest {
                     true => buffers.floats("a base", std::mem::take(&mut base))?,
                     false => buffers.zero_floats("a base", length)?,
                 },
-                parameters: buffers.floats("parameters", parameters)?,
-                first: buffers.floats("first moments", first)?,
-                second: buffers.floats("second moments", second)?,
+                parameters,
+                first,
+                second,
             });
         }
         let finest = levels.last().map_or(0, |level| level.count);
@@ -143,6 +145,24 @@ impl GpuGrid {
         }
     }
 
+    /// The values at the active nodes of the finest level, in their order.
+    pub fn values(&self, buffers: &Buffers) -> Result<Vec<f32>, DeviceError> {
+        let Level { active, sums, count, .. } = self.finest();
+        let found = buffers.zero_floats("values of active nodes", self.channels * count)?;
+        read::launch(
+            &buffers.client,
+            groups(&buffers.client, *count),
+            units(),
+            active.clone().into_buffer_arg(),
+            sums.clone().into_buffer_arg(),
+            found.clone().into_buffer_arg(),
+            *count as u32,
+            self.channels,
+        );
+        let words = buffers.read(&[&found])?.into_iter().flatten().take(self.channels * count);
+        Ok(words.map(f32::from_bits).collect())
+    }
+
     /// Steps done, then parameters and moments of each level, coarse to fine, in one row.
     pub fn state(&self, buffers: &Buffers) -> Result<Vec<f32>, DeviceError> {
         let parts: Vec<&Buffer> =
@@ -152,5 +172,34 @@ impl GpuGrid {
             state.extend(words.into_iter().take(self.channels * level.count).map(f32::from_bits));
         }
         Ok(state)
+    }
+}
+
+/// The slot of each of `total` nodes, [`NONE`] of those that are not active.
+fn slots_of(buffers: &Buffers, active: &Buffer, count: usize, total: usize) -> Result<Buffer, DeviceError> {
+    let (client, slots) = (&buffers.client, buffers.zeros("slots of nodes", total, IntDType::U32)?);
+    no_slots::launch(client, groups(client, total), units(), slots.clone().into_buffer_arg(), total as u32);
+    number::launch(
+        client,
+        groups(client, count),
+        units(),
+        active.clone().into_buffer_arg(),
+        slots.clone().into_buffer_arg(),
+        count as u32,
+    );
+    Ok(slots)
+}
+
+#[cube(launch)]
+fn no_slots(slots: &mut [u32], total: u32) {
+    if ABSOLUTE_POS < total as usize {
+        slots[ABSOLUTE_POS] = NONE;
+    }
+}
+
+#[cube(launch)]
+fn number(active: &[u32], slots: &mut [u32], count: u32) {
+    if ABSOLUTE_POS < count as usize {
+        slots[active[ABSOLUTE_POS] as usize] = ABSOLUTE_POS as u32;
     }
 }

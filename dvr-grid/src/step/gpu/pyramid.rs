@@ -6,6 +6,7 @@
 use crate::constants::{BETA1, BETA2, EPSILON};
 use cubecl::prelude::*;
 
+use crate::gpu::dense::Around;
 use crate::gpu::launch::NONE;
 
 /// The gradient by the active nodes of a coarse grid, from that by the active nodes of one of twice the cells.
@@ -81,16 +82,7 @@ pub(crate) fn descend(
     let slot = ABSOLUTE_POS;
     if slot < count as usize {
         let node = active[slot];
-        let coarse_nodes = nodes / 2u32 + 1u32;
-        let (x, y, z) = (node % nodes, node / nodes % nodes, node / (nodes * nodes));
-        // The coarse nodes on either side, the same one where one lies there.
-        let (x0, x1) = (x / 2u32, x - x / 2u32);
-        let (y0, y1) = (y / 2u32, y - y / 2u32);
-        let (z0, z1) = (z / 2u32, z - z / 2u32);
-        let row00 = (z0 * coarse_nodes + y0) * coarse_nodes;
-        let row10 = (z0 * coarse_nodes + y1) * coarse_nodes;
-        let row01 = (z1 * coarse_nodes + y0) * coarse_nodes;
-        let row11 = (z1 * coarse_nodes + y1) * coarse_nodes;
+        let around = Around::of(node, nodes);
         #[unroll]
         for c in 0..channels {
             let i = slot * channels + c;
@@ -104,17 +96,7 @@ pub(crate) fn descend(
             }
             let mut sum = parameters[i] + base[i];
             if has_coarser > 0u32 {
-                let low = 0.25f32
-                    * (coarser[(row00 + x0) as usize * channels + c]
-                        + coarser[(row10 + x0) as usize * channels + c]
-                        + coarser[(row01 + x0) as usize * channels + c]
-                        + coarser[(row11 + x0) as usize * channels + c]);
-                let high = 0.25f32
-                    * (coarser[(row00 + x1) as usize * channels + c]
-                        + coarser[(row10 + x1) as usize * channels + c]
-                        + coarser[(row01 + x1) as usize * channels + c]
-                        + coarser[(row11 + x1) as usize * channels + c]);
-                sum += 0.5f32 * (low + high);
+                sum += around.interpolated(coarser, c, channels);
             }
             sums[node as usize * channels + c] = sum;
         }

@@ -7,12 +7,14 @@ use dvr_gpu::{Buffer, Buffers, DeviceError};
 
 use super::levels::GpuGrid;
 use super::{gather, smoothness};
+use crate::bricks::BrickOccupancy;
 use crate::color::CHANNELS;
 use crate::color::gpu::ChannelsLaunch;
 use crate::gpu::launch::{UNITS, groups, units};
-use crate::gpu::occupancy::{self, bits};
+use crate::gpu::occupancy;
 use crate::gpu::traversal::{RegionLaunch, region};
 use crate::multires::Grids;
+use crate::occupancy::SurfaceCells;
 
 /// What holds from one growth of the grids to the next.
 pub(crate) struct Stage {
@@ -35,19 +37,18 @@ impl Stage {
     /// Brings shape and colour to the device.
     pub fn new(buffers: &Buffers, grids: &Grids) -> Result<Self, DeviceError> {
         let Grids { shape, color } = grids;
-        let nodes = shape.grid().nodes();
-        let active: Vec<u32> = shape.active().iter().map(|node| node as u32).collect();
-        let values = shape.values().to_dense();
-        let region = region(nodes, &active, &values);
-        let (words, slots) = (nodes.div_ceil(32), active.len());
-        let inside = buffers.words("signs of nodes", bits(nodes, &values))?;
+        let (nodes, half_extent) = (shape.grid().nodes(), shape.grid().half_extent());
+        let marked = BrickOccupancy::new(shape.values()).range();
+        let region = region(marked, shape.active());
+        let slots = shape.active().count();
+        let (shape, color) = (GpuGrid::new(buffers, shape)?, GpuGrid::new(buffers, color)?);
         let stage = Self {
-            half_extent: shape.grid().half_extent(),
+            half_extent,
             region,
-            shape: GpuGrid::new(buffers, shape)?,
-            color: GpuGrid::new(buffers, color)?,
-            inside,
-            occupied: buffers.zeros("occupied cells", words * (nodes - 1) * (nodes - 1), IntDType::U32)?,
+            inside: occupancy::signs_of(buffers, &shape.finest().sums, nodes)?,
+            occupied: occupancy::marks_of(buffers, nodes)?,
+            shape,
+            color,
             slopes: buffers.zero_floats("slopes of the smoothness", slots)?,
             smoothness: buffers.zero_floats("sums of the smoothness", slots.div_ceil(UNITS))?,
             most: buffers.zeros("bounds", 3, IntDType::U32)?,
@@ -139,14 +140,6 @@ impl Stage {
             shape.count as u32,
             shape.nodes,
         );
-        let cells = shape.nodes as usize - 1;
-        occupancy::mark::launch(
-            client,
-            groups(client, shape.nodes.div_ceil(32) as usize * cells * cells),
-            units(),
-            self.inside.clone().into_buffer_arg(),
-            self.occupied.clone().into_buffer_arg(),
-            shape.nodes,
-        );
+        occupancy::update(buffers, &self.inside, &self.occupied, shape.nodes as usize);
     }
 }

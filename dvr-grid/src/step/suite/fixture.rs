@@ -1,5 +1,7 @@
 //! A painted ball in photographs, and grids that are a little off.
 
+use std::sync::Arc;
+
 use dvr_core::hull::MaskDistance;
 use dvr_core::voxel::VoxelGrid;
 use dvr_core::{Camera, Cancellation, DepthMap, Exposure, Mask, Supervision, View, stored};
@@ -8,6 +10,7 @@ use glam::DVec3;
 use image::{GrayImage, Rgb, RgbImage};
 
 use crate::active::ActiveNodes;
+use crate::bricks::near_refined_surface;
 use crate::clock::PartTimes;
 use crate::color::{self, CHANNELS};
 use crate::config::GridConfig;
@@ -174,6 +177,23 @@ impl Fixture {
         let masks: Vec<MaskDistance> = pairs.map(|(camera, mask)| MaskDistance::new(camera, mask)).collect();
         self.views = TrainingView::pack(&self.pictures, 2, 2);
         self.order = PixelOrder::new(&self.views, 2, &masks, |_| 6.0);
+    }
+
+    /// Goes on to twice the cells, some times: only a band around the surface learns then, which starts with a little
+    /// noise.
+    pub fn refine(&mut self, times: usize) {
+        for _ in 0..times {
+            let Grids { shape, color } = &self.grids;
+            let (learned, colors) = (Arc::new(shape.values().clone()), Arc::new(color.values().clone()));
+            let grid = VoxelGrid::new(2 * shape.grid().cells() + 1, 0.55);
+            let near = near_refined_surface(&grid, &learned, 3);
+            let noise = |node: usize| 0.2 * grid.spacing() * (mix(node as u64) as f32 / u64::MAX as f32 - 0.5);
+            let detail: Vec<f32> = near.iter().map(noise).collect();
+            self.grids = Grids {
+                color: ColorGrid::on_frozen_base(near.coarser(), colors, &[], color.coarser() + 1),
+                shape: ShapeGrid::on_frozen_base(near, learned, &detail, shape.coarser() + 1),
+            };
+        }
     }
 
     /// What the next step needs to know.

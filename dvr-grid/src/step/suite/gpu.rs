@@ -52,6 +52,8 @@ fn a_device_is_waited_for_only_where_it_is_asked() {
     assert_eq!(backend.kernels().reads(), 1, "the losses of a step, at once");
     backend.grids().unwrap();
     assert_eq!(backend.kernels().reads(), 3, "the levels of shape and of colour");
+    backend.shape_values().unwrap();
+    assert_eq!(backend.kernels().reads(), 4, "the values of the shape alone");
 }
 
 #[test]

@@ -274,6 +274,29 @@ fn steps_give_the_same_bits_twice_and_after_a_break(make: Make) {
     assert!(unbroken == after(true), "after a break");
 }
 
+/// Steps on grids of which only a band around the surface learns, on top of two such stages, are those of the CPU; and
+/// what is asked for between steps is what the grids hold.
+fn steps_in_a_band_are_those_of_the_cpu(make: Make) {
+    let mut fixture = Fixture::hull(0.0, 600);
+    fixture.refine(2);
+    let mut reference = CpuBackend::new(fixture.grids.clone());
+    let mut backend = make(&fixture, fixture.grids.clone());
+    let at_first = backend.shape_values().unwrap().to_dense();
+    assert!(at_first == fixture.grids.shape.values().to_dense(), "nothing has moved yet");
+    let unlike =
+        compare_records(&make(&fixture, fixture.grids.clone()).records(&fixture), &reference.records(&fixture));
+    assert!(unlike <= fixture.config.rays / 100, "{unlike} rays");
+    steps(&mut *backend, &mut fixture, 3);
+    fixture.rays_drawn -= 3 * fixture.config.rays as u64;
+    steps(&mut reference, &mut fixture, 3);
+    let (asked, held) = (backend.shape_values().unwrap().to_dense(), backend.grids().unwrap());
+    let largest = |a: &[f32], b: &[f32]| a.iter().zip(b).fold(0.0f32, |most, (a, b)| most.max((a - b).abs()));
+    assert!(largest(&asked, &at_first) > 1e-4, "it moves");
+    assert!(largest(&asked, &held.shape.values().to_dense()) < 1e-6);
+    let apart = relative_difference(&asked, &reference.grids().unwrap().shape.values().to_dense());
+    assert!(apart < 1e-3, "{apart}");
+}
+
 /// Steps on photographs that are shown later are those of a backend that is made with them.
 fn photographs_of_another_size_are_taken_up(make: Make) {
     let mut fixture = Fixture::hull(0.0, 600);
@@ -313,6 +336,11 @@ macro_rules! suite {
             #[$test]
             fn steps_give_the_same_bits_twice_and_after_a_break() {
                 $make(&super::steps_give_the_same_bits_twice_and_after_a_break);
+            }
+
+            #[$test]
+            fn steps_in_a_band_are_those_of_the_cpu() {
+                $make(&super::steps_in_a_band_are_those_of_the_cpu);
             }
 
             #[$test]
