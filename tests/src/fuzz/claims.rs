@@ -2,12 +2,13 @@
 
 use std::io::Write;
 
-use flate2::write::{DeflateEncoder, ZlibEncoder};
+use flate2::write::ZlibEncoder;
 use flate2::{Compression, Crc};
 use zip::CompressionMethod;
 
 use dvr_test_support::{MatEntry, mat_file, mat_header};
 
+use super::containers::with_checksum;
 use super::parts::joined;
 use super::seeds::arrays::{deflated_element, npy_of, zip_of};
 use super::seeds::networks;
@@ -286,26 +287,20 @@ fn scenes(binary: bool) -> Vec<(&'static str, Vec<u8>)> {
 
 /// Grids of as many nodes as a header can say, with and without what they need.
 fn fields() -> Vec<(&'static str, Vec<u8>)> {
-    let field = |nodes: u32, colors: u32, class: u8, bytes: usize| {
-        let mut head = b"DVRL\x02\0\0\0".to_vec();
+    let field = |nodes: u32, colors: u32, stream: &[u8]| {
+        let mut head = b"DVRL\x03\0\0\0".to_vec();
         head.extend([nodes, colors].map(u32::to_le_bytes).concat());
         head.extend(0.55f32.to_le_bytes());
-        let mut encoder = DeflateEncoder::new(head, Compression::fast());
-        let block = vec![class; 1 << 20];
-        let mut left = bytes;
-        while left > 0 {
-            let count = left.min(block.len());
-            encoder.write_all(&block[..count]).unwrap_or_else(|e| panic!("{e}"));
-            left -= count;
-        }
-        encoder.finish().unwrap_or_else(|e| panic!("{e}"))
+        with_checksum(head, stream)
     };
+    let noise: Vec<u8> = (0..1u32 << 20).map(|i| (i.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
     vec![
-        ("2049 nodes", field(2049, 2049, 0, 64)),
-        ("513 nodes and nothing else", field(513, 257, 0, 64)),
-        ("513 nodes, all outside", field(513, 257, 0, 513usize.pow(3))),
-        ("257 nodes, all stored", field(257, 129, 2, 2 * 257usize.pow(3) + 3 * 129usize.pow(3))),
-        ("2 nodes and 513 of colour", field(2, 513, 0, 8)),
+        ("2049 nodes", field(2049, 2049, &[0; 64])),
+        ("513 nodes and nothing else", field(513, 257, &[])),
+        ("513 nodes of zeros", field(513, 257, &[0; 64])),
+        ("513 nodes of ones", field(513, 257, &[0xff; 1 << 16])),
+        ("513 nodes of noise", field(513, 257, &noise)),
+        ("2 nodes and 513 of colour", field(2, 513, &[0; 8])),
     ]
 }
 

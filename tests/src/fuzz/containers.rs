@@ -2,8 +2,8 @@
 
 use std::io::{Cursor, Read, Write};
 
-use flate2::read::{DeflateDecoder, ZlibDecoder};
-use flate2::write::{DeflateEncoder, ZlibEncoder};
+use flate2::read::ZlibDecoder;
+use flate2::write::ZlibEncoder;
 use flate2::{Compression, Crc};
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
@@ -23,7 +23,7 @@ pub(super) fn damaged(anatomy: Anatomy, base: &[u8], other: &[u8], rng: &mut Cha
         Anatomy::Text => Some(mutation::text(base, other, rng)),
         Anatomy::Png => png(base, rng),
         Anatomy::Zip => zip(base, rng),
-        Anatomy::Deflated(header) => deflated(base, header, rng),
+        Anatomy::Checked(header) => checked(base, header, rng),
         Anatomy::Safetensors => safetensors(base, rng),
         Anatomy::Glb => glb(base, rng),
         Anatomy::Parts => several(base, other, rng),
@@ -92,20 +92,26 @@ fn zip(base: &[u8], rng: &mut ChaCha8Rng) -> Option<Vec<u8>> {
     Some(zip.finish().ok()?.into_inner())
 }
 
-/// The header or what is deflated behind it.
-fn deflated(base: &[u8], header: usize, rng: &mut ChaCha8Rng) -> Option<Vec<u8>> {
-    let (head, rest) = base.split_at_checked(header)?;
-    let mut plain = Vec::new();
-    DeflateDecoder::new(rest).read_to_end(&mut plain).ok()?;
-    let (mut head, mut plain) = (head.to_vec(), plain);
+/// The header or what is behind it; length and checksum are made anew.
+fn checked(base: &[u8], header: usize, rng: &mut ChaCha8Rng) -> Option<Vec<u8>> {
+    let (mut head, mut stream) = (base.get(..header)?.to_vec(), base.get(header + 8..)?.to_vec());
     if rng.random_bool(0.5) {
         head = mutation::bytes(&head, &head, rng);
     } else {
-        plain = mutation::bytes(&plain, &plain, rng);
+        stream = mutation::bytes(&stream, &stream, rng);
     }
-    let mut encoder = DeflateEncoder::new(head, Compression::fast());
-    encoder.write_all(&plain).ok()?;
-    encoder.finish().ok()
+    Some(with_checksum(head, &stream))
+}
+
+/// A header, the length of what follows, the CRC-32 of all but itself, and what follows.
+pub(super) fn with_checksum(mut head: Vec<u8>, stream: &[u8]) -> Vec<u8> {
+    head.extend((stream.len() as u32).to_le_bytes());
+    let mut crc = Crc::new();
+    crc.update(&head);
+    crc.update(stream);
+    head.extend(crc.sum().to_le_bytes());
+    head.extend(stream);
+    head
 }
 
 /// The JSON header, with its length made anew.

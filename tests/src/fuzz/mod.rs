@@ -45,8 +45,8 @@ pub enum Anatomy {
     Png,
     /// A zip archive.
     Zip,
-    /// A header of so many bytes, then deflated bytes.
-    Deflated(usize),
+    /// A header of so many bytes, the length of what follows, and the CRC-32 of all but itself.
+    Checked(usize),
     /// Safetensors: the length of a JSON header, the header, and bytes.
     Safetensors,
     /// Binary glTF: a JSON chunk, then bytes.

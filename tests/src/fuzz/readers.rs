@@ -37,7 +37,7 @@ pub static READERS: &[Reader] = &[
     Reader { name: "pt", anatomy: Anatomy::Zip, seeds: networks::pt, prepare: nothing, read: pt },
     Reader { name: "pt_legacy", anatomy: Anatomy::Bytes, seeds: networks::pt_legacy, prepare: nothing, read: pt },
     Reader { name: "safetensors", anatomy: Anatomy::Safetensors, seeds: networks::safetensors, prepare: nothing, read: safetensors },
-    Reader { name: "scene_dvr", anatomy: Anatomy::Deflated(20), seeds: networks::scene_dvr, prepare: nothing, read: |_, bytes| grid_file::from_bytes(bytes).is_ok() },
+    Reader { name: "scene_dvr", anatomy: Anatomy::Checked(20), seeds: networks::scene_dvr, prepare: nothing, read: |_, bytes| grid_file::from_bytes(bytes).is_ok() },
     Reader { name: "view_color", anatomy: Anatomy::Safetensors, seeds: networks::view_color, prepare: nothing, read: |_, bytes| ViewColor::from_bytes(bytes).is_ok_and(|color| !color.at(glam::Vec3::splat(0.1), glam::Vec3::Z).is_nan()) },
     Reader { name: "checkpoint", anatomy: Anatomy::Safetensors, seeds: networks::checkpoints, prepare: nothing, read: checkpoint },
     Reader { name: "config_json", anatomy: Anatomy::Text, seeds: runs::config_json, prepare: nothing, read: config_json },

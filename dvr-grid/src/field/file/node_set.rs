@@ -1,0 +1,229 @@
+//! Sets of nodes, and which nodes a surface makes known: the corners of the cells that it passes through.
+
+use dvr_core::voxel::VoxelGrid;
+use rayon::prelude::*;
+
+use crate::active::ActiveNodes;
+use crate::bricks::BrickOccupancy;
+
+/// A set of nodes, a bit each, in rows of whole words along x. Beyond the grid there are none.
+pub(super) struct NodeSet {
+    nodes: usize,
+    /// Words of a row.
+    words: usize,
+    bits: Vec<u64>,
+}
+
+/// How far before the first of eight nodes a [`NodeSet::window`] begins.
+pub(super) const BEFORE: usize = 2;
+
+impl NodeSet {
+    pub fn new(grid: &VoxelGrid) -> Self {
+        let (nodes, words) = (grid.nodes(), grid.nodes().div_ceil(64));
+        Self { nodes, words, bits: vec![0; words * nodes * nodes] }
+    }
+
+    /// The nodes that are not negative.
+    pub fn inside(grid: &VoxelGrid, occupancy: &BrickOccupancy) -> Self {
+        let mut set = Self::new(grid);
+        let (nodes, words) = (set.nodes, set.words);
+        set.bits.par_chunks_mut(words * nodes).enumerate().for_each_init(
+            || vec![0u8; nodes * nodes],
+            |layer, (z, rows)| {
+                occupancy.write_inside(z, layer);
+                for (row, signs) in rows.chunks_mut(words).zip(layer.chunks(nodes)) {
+                    for (word, signs) in row.iter_mut().zip(signs.chunks(64)) {
+                        *word = signs.iter().rev().fold(0, |word, &sign| word << 1 | u64::from(sign));
+                    }
+                }
+            },
+        );
+        set
+    }
+
+    pub fn set(&mut self, [x, y, z]: [usize; 3]) {
+        self.bits[(z * self.nodes + y) * self.words + x / 64] |= 1 << (x % 64);
+    }
+
+    pub fn contains(&self, [x, y, z]: [usize; 3]) -> bool {
+        self.bits[(z * self.nodes + y) * self.words + x / 64] >> (x % 64) & 1 == 1
+    }
+
+    /// Whether a node that may lie beyond the grid is in the set.
+    pub fn has(&self, at: [isize; 3]) -> bool {
+        let within = at.iter().all(|&at| at >= 0 && (at as usize) < self.nodes);
+        within && self.contains(at.map(|at| at as usize))
+    }
+
+    /// Twelve nodes of a row from [`BEFORE`] before `x`, a multiple of eight, on: the first in the lowest bit.
+    pub fn window(&self, x: usize, y: isize, z: isize) -> u32 {
+        let nodes = self.nodes as isize;
+        if !(0..nodes).contains(&y) || !(0..nodes).contains(&z) {
+            return 0;
+        }
+        let first = (z as usize * self.nodes + y as usize) * self.words;
+        let row = &self.bits[first..first + self.words];
+        let word = |at: usize| row.get(at).copied().unwrap_or(0);
+        let at = x / 64;
+        let before = at.checked_sub(1).map_or(0, word) >> (64 - BEFORE);
+        let all = u128::from(before) | u128::from(word(at)) << BEFORE | u128::from(word(at + 1)) << (64 + BEFORE);
+        (all >> (x % 64)) as u32 & 0xfff
+    }
+
+    pub fn count(&self) -> usize {
+        self.bits.iter().map(|word| word.count_ones() as usize).sum()
+    }
+
+    /// All of them, in rising order.
+    pub fn iter(&self) -> impl Iterator<Item = [usize; 3]> + '_ {
+        self.bits.iter().enumerate().flat_map(move |(index, &word)| {
+            let (row, first) = (index / self.words, index % self.words * 64);
+            let mut word = word;
+            std::iter::from_fn(move || {
+                let bit = (word != 0).then(|| word.trailing_zeros() as usize)?;
+                word &= word - 1;
+                Some([first + bit, row % self.nodes, row / self.nodes])
+            })
+        })
+    }
+
+    /// The same as runs.
+    pub fn active(&self, grid: &VoxelGrid) -> ActiveNodes {
+        let mut runs: Vec<(u32, u32)> = Vec::new();
+        for at in self.iter() {
+            let node = grid.index(at);
+            match runs.last_mut() {
+                Some((start, length)) if (*start + *length) as usize == node && at[0] > 0 => *length += 1,
+                _ => runs.push((node as u32, 1)),
+            }
+        }
+        ActiveNodes::of_runs(grid, runs.into_iter())
+    }
+
+    /// The corners of the cells of which some corners are in this set and some are not.
+    pub fn around_surface(&self) -> Self {
+        let Self { nodes, words, ref bits } = *self;
+        let row = |y: usize, z: usize| &bits[(z * nodes + y) * words..][..words];
+        // A bit for each such cell, at its lowest node.
+        let mut crossed = vec![0u64; bits.len()];
+        crossed.par_chunks_mut(words * nodes).enumerate().filter(|(z, _)| z + 1 < nodes).for_each(|(z, layer)| {
+            for (y, out) in layer.chunks_mut(words).enumerate().filter(|(y, _)| y + 1 < nodes) {
+                let rows = [row(y, z), row(y + 1, z), row(y, z + 1), row(y + 1, z + 1)];
+                let any = |word: usize| rows.iter().fold(0, |all, row| all | row.get(word).copied().unwrap_or(0));
+                let all = |word: usize| rows.iter().fold(!0, |all, row| all & row.get(word).copied().unwrap_or(0));
+                for (word, out) in out.iter_mut().enumerate() {
+                    let some = any(word) | any(word) >> 1 | any(word + 1) << 63;
+                    let every = all(word) & (all(word) >> 1 | all(word + 1) << 63);
+                    let cells = (nodes - 1).saturating_sub(64 * word).min(64);
+                    let there = if cells == 64 { !0 } else { (1 << cells) - 1 };
+                    *out = some & !every & there;
+                }
+            }
+        });
+        let cells = |y: usize, z: usize| &crossed[(z * nodes + y) * words..][..words];
+        let mut corners = vec![0u64; bits.len()];
+        corners.par_chunks_mut(words * nodes).enumerate().for_each(|(z, layer)| {
+            for (y, out) in layer.chunks_mut(words).enumerate() {
+                for (y, z) in [z.checked_sub(1), Some(z)]
+                    .into_iter()
+                    .flatten()
+                    .flat_map(|z| [y.checked_sub(1), Some(y)].into_iter().flatten().map(move |y| (y, z)))
+                {
+                    let mut carry = 0;
+                    for (out, &cells) in out.iter_mut().zip(cells(y, z)) {
+                        *out |= cells | cells << 1 | carry;
+                        carry = cells >> 63;
+                    }
+                }
+            }
+        });
+        Self { nodes, words, bits: corners }
+    }
+
+    /// The colour nodes around these nodes of the shape.
+    pub fn needed_colors(&self, shape: &VoxelGrid, color: &VoxelGrid) -> Self {
+        let mut needed = Self::new(color);
+        for at in self.iter() {
+            let [x, y, z] = color.coordinates(color.locate(shape.position(shape.index(at))).node);
+            for corner in 0..8 {
+                needed.set([x + (corner & 1), y + (corner >> 1 & 1), z + (corner >> 2)]);
+            }
+        }
+        needed
+    }
+
+    /// Puts all nodes of a brick of eight along each axis into the set, as far as they are in the grid.
+    pub fn fill_brick(&mut self, brick: [usize; 3]) {
+        let [x, y, z] = brick.map(|at| 8 * at);
+        let there = (1u64 << (self.nodes - x).min(8)) - 1;
+        for (z, y) in (z..(z + 8).min(self.nodes)).flat_map(|z| (y..(y + 8).min(self.nodes)).map(move |y| (z, y))) {
+            self.bits[(z * self.nodes + y) * self.words + x / 64] |= there << (x % 64);
+        }
+    }
+
+    /// Whether all, or none, of the nodes of a brick are in the set; neither where some are.
+    pub fn side_of_brick(&self, brick: [usize; 3]) -> Option<bool> {
+        let [x, y, z] = brick.map(|at| 8 * at);
+        let there = (1u64 << (self.nodes - x).min(8)) - 1;
+        let mut sides = [false; 2];
+        for (z, y) in (z..(z + 8).min(self.nodes)).flat_map(|z| (y..(y + 8).min(self.nodes)).map(move |y| (z, y))) {
+            let bits = self.bits[(z * self.nodes + y) * self.words + x / 64] >> (x % 64) & there;
+            sides[0] |= bits != there;
+            sides[1] |= bits != 0;
+        }
+        (sides[0] != sides[1]).then_some(sides[1])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{Rng, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    use super::*;
+
+    #[test]
+    fn corners_of_crossed_cells_bricks_and_windows_are_those_of_single_nodes() {
+        let mut rng = ChaCha8Rng::seed_from_u64(5);
+        for (nodes, share) in [(2, 0.5), (9, 0.02), (9, 0.98), (65, 0.001), (70, 0.5), (129, 0.0005)] {
+            let grid = VoxelGrid::new(nodes, 0.5);
+            let mut set = NodeSet::new(&grid);
+            (0..grid.len()).filter(|_| rng.random_bool(share)).for_each(|node| set.set(grid.coordinates(node)));
+            let mut expected = NodeSet::new(&grid);
+            for cell in 0..grid.cells().pow(3) {
+                let [x, y, z] = [cell, cell / grid.cells(), cell / grid.cells().pow(2)].map(|at| at % grid.cells());
+                let corners: [_; 8] = std::array::from_fn(|i| [x + (i & 1), y + (i >> 1 & 1), z + (i >> 2)]);
+                let inside = corners.iter().filter(|&&at| set.contains(at)).count();
+                if inside % 8 > 0 {
+                    corners.iter().for_each(|&at| expected.set(at));
+                }
+            }
+            let found = set.around_surface();
+            assert!(found.bits == expected.bits, "{nodes} nodes");
+            assert_eq!(found.iter().count(), found.count());
+            let (x, y, z) = (nodes / 8 * 8, nodes as isize / 2, nodes as isize - 1);
+            let bit = |i: usize| u32::from(set.has([(x + i) as isize - BEFORE as isize, y, z])) << i;
+            assert_eq!(set.window(x, y, z), (0..12).map(bit).sum::<u32>());
+            assert_eq!(set.window(0, -1, z), 0);
+            for index in 0..nodes.div_ceil(8).pow(3) {
+                let edge = nodes.div_ceil(8);
+                let brick = [index % edge, index / edge % edge, index / (edge * edge)];
+                let within = |at: &[usize; 3]| at.iter().zip(brick).all(|(at, brick)| at / 8 == brick);
+                let all = (0..grid.len()).map(|node| grid.coordinates(node)).filter(within);
+                let (count, inside) =
+                    all.fold((0, 0), |(count, inside), at| (count + 1, inside + usize::from(set.contains(at))));
+                let side = if inside == 0 {
+                    Some(false)
+                } else if inside == count {
+                    Some(true)
+                } else {
+                    None
+                };
+                assert_eq!(set.side_of_brick(brick), side);
+                if nodes > 65 {
+                    break;
+                }
+            }
+        }
+    }
+}
