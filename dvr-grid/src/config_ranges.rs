@@ -23,6 +23,7 @@ const RANGES: &[NumberRange] = &[
     whole("max_bytes", 0, 1 << 40),
     whole("steps", 0, 1_000_000_000),
     whole("further_passes", 0, 1000),
+    real("further_after_gain", -1.0, 1.0),
     whole("rays", 1, 1 << 20),
     whole("max_rays", 1, 1 << 20),
     real("shape_rate", 0.0, 10.0),

@@ -357,12 +357,12 @@ impl<'a> GridTrainer<'a> {
                 self.look_at(cells)?;
                 self.pass_start = self.step;
             }
-            Verdict::Stay => self.go_on()?,
+            Verdict::Stay => self.go_on(ncc.gain)?,
             Verdict::TakeBack => {
                 if let Some(kept) = self.growth.take_back() {
                     self.backend.upload(kept)?;
                 }
-                self.go_on()?;
+                self.go_on(None)?;
             }
         }
         self.notes.extend(self.growth.notes());

@@ -2,6 +2,7 @@
 
 use super::GridTrainer;
 use crate::error::Result;
+use crate::validation_ncc::Gain;
 
 /// Where further passes begin on the way from the first step size to the last, as a share of its logarithm: what was
 /// learned must not be shaken off.
@@ -15,11 +16,13 @@ impl GridTrainer<'_> {
         self.config.final_rate.powf(start + (1.0 - start) * within)
     }
 
-    /// Begins a further pass at the present size, or finishes. Where raw colours count in full there is none: they pull
-    /// from afar, and are done after a stage; patches are alike within a pixel or two alone, and take longer.
-    pub(super) fn go_on(&mut self) -> Result<()> {
+    /// Begins a further pass at the present size, or finishes; `gain` is what the stage or pass before brought, if that
+    /// is known. Where raw colours count in full there is none: they pull from afar, and are done after a stage; patches
+    /// are alike within a pixel or two alone, and take longer.
+    pub(super) fn go_on(&mut self, gain: Option<Gain>) -> Result<()> {
         let is_judged = self.validation_ncc.is_some() && self.agreement.trust() < 1.0;
-        if self.further == self.config.further_passes || !is_judged {
+        let is_worth_it = gain.is_none_or(|gain| gain.mean >= self.config.further_after_gain);
+        if self.further == self.config.further_passes || !is_judged || !is_worth_it {
             self.finished = true;
             return Ok(());
         }
@@ -39,7 +42,7 @@ impl GridTrainer<'_> {
         let is_kept = self.growth.keeps_further(&self.config, grids.cells(), gain);
         self.notes.extend(self.growth.notes());
         if is_kept {
-            return self.go_on();
+            return self.go_on(gain);
         }
         if let Some(before) = self.growth.take_back() {
             self.backend.upload(before)?;

@@ -176,6 +176,7 @@ fn with_passes<'a>(scene: &'a dvr_core::Scene, steps: usize, errors: f64) -> Gri
     let config = GridConfig {
         steps,
         further_passes: 2,
+        further_after_gain: -1.0,
         first_cells: 16,
         whole_cells: 16,
         coarsest_cells: 4,
@@ -191,8 +192,9 @@ fn with_passes<'a>(scene: &'a dvr_core::Scene, steps: usize, errors: f64) -> Gri
 fn further_passes_follow_while_they_gain_and_the_one_that_does_not_is_taken_back() {
     let folder = tempfile::tempdir().unwrap();
     let scene = noisy(folder.path());
-    let run = |errors: f64| {
+    let run = |errors: f64, after_gain: f64| {
         let mut trainer = with_passes(&scene, 10, errors);
+        trainer.config.further_after_gain = after_gain;
         let mut grown = None;
         while trainer.steps_done() < trainer.total_steps() {
             trainer.step().unwrap();
@@ -203,10 +205,13 @@ fn further_passes_follow_while_they_gain_and_the_one_that_does_not_is_taken_back
         let is_taken_back = grown.unwrap() == trainer.state().unwrap().model;
         (trainer.steps_done(), is_taken_back, trainer.notes().join("; "))
     };
-    let (steps, is_taken_back, said) = run(-1000.0);
+    let (steps, is_taken_back, said) = run(-1000.0, -1.0);
     assert!(steps == 40 && !is_taken_back && said.matches("and are kept").count() == 2, "{steps}: {said}");
-    let (steps, is_taken_back, said) = run(1000.0);
+    let (steps, is_taken_back, said) = run(1000.0, -1.0);
     assert!(steps == 30 && is_taken_back && said.contains("and are not: training ends"), "{steps}: {said}");
+    // None follows a stage that gained too little.
+    let (steps, _, said) = run(-1000.0, 1.0);
+    assert!(steps == 20 && !said.contains("more steps"), "{steps}: {said}");
 }
 
 #[test]

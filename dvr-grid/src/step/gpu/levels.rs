@@ -179,7 +179,7 @@ impl GpuGrid {
 fn slots_of(buffers: &Buffers, active: &Buffer, count: usize, total: usize) -> Result<Buffer, DeviceError> {
     let (client, slots) = (&buffers.client, buffers.zeros("slots of nodes", total, IntDType::U32)?);
     no_slots::launch(client, groups(client, total), units(), slots.clone().into_buffer_arg(), total as u32);
-    number::launch(
+    write_slots::launch(
         client,
         groups(client, count),
         units(),
@@ -198,7 +198,7 @@ fn no_slots(slots: &mut [u32], total: u32) {
 }
 
 #[cube(launch)]
-fn number(active: &[u32], slots: &mut [u32], count: u32) {
+fn write_slots(active: &[u32], slots: &mut [u32], count: u32) {
     if ABSOLUTE_POS < count as usize {
         slots[active[ABSOLUTE_POS] as usize] = ABSOLUTE_POS as u32;
     }
