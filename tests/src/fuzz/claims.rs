@@ -301,6 +301,8 @@ fn fields() -> Vec<(&'static str, Vec<u8>)> {
         ("513 nodes of ones", field(513, 257, &[0xff; 1 << 16])),
         ("513 nodes of noise", field(513, 257, &noise)),
         ("2 nodes and 513 of colour", field(2, 513, &[0; 8])),
+        ("65 nodes, all stored", networks::field_of(65, 33, |[x, y, z]| (x + y + z) % 2 == 0)),
+        ("129 nodes, all inside", networks::field_of(129, 65, |_| true)),
     ]
 }
 

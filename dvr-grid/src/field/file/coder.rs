@@ -16,11 +16,14 @@ use constriction::stream::{Decode, Encode};
 /// Bits of a probability.
 const PRECISION: usize = 16;
 
-/// Half of all.
-const HALF: u16 = 1 << (PRECISION - 1);
+/// Bits that a probability is kept with beside: a pace of a hundredth rounds to nothing without.
+const FINER: usize = 6;
+
+/// The probability 1, as it is kept.
+const ALL: i32 = 1 << (PRECISION + FINER);
 
 /// The least probability, of 1 << 16: a bit that is sure costs next to nothing, one that is sure and wrong 12 bits.
-const LEAST: u16 = 16;
+const LEAST: u32 = 16;
 
 /// Bits after which a probability follows at a constant pace.
 const MEMORY: u8 = 160;
@@ -31,28 +34,27 @@ const BEYOND: usize = 2;
 /// What is known of a bit from those before it in its place.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct BitModel {
-    /// Probability of 1.
-    one: u16,
+    /// Probability of 1, of [`ALL`].
+    one: i32,
     /// Bits that were seen, as far as they count.
     seen: u8,
 }
 
 impl Default for BitModel {
     fn default() -> Self {
-        Self { one: HALF, seen: 0 }
+        Self { one: ALL / 2, seen: 0 }
     }
 }
 
 impl BitModel {
     fn learn(&mut self, bit: bool) {
-        let target = if bit { 1i32 << PRECISION } else { 0 };
-        let step = 2 * (target - i32::from(self.one)) / (2 * i32::from(self.seen) + 3);
-        self.one = (i32::from(self.one) + step).clamp(i32::from(LEAST), (1 << PRECISION) - i32::from(LEAST)) as u16;
+        let target = if bit { ALL } else { 0 };
+        self.one += 2 * (target - self.one) / (2 * i32::from(self.seen) + 3);
         self.seen = (self.seen + 1).min(MEMORY);
     }
 
     fn share(self, bit: bool) -> (u32, NonZeroU32) {
-        let one = u32::from(self.one);
+        let one = ((self.one as u32) >> FINER).clamp(LEAST, (1 << PRECISION) - LEAST);
         let zero = (1 << PRECISION) - one;
         let (from, width) = if bit { (zero, one) } else { (0, zero) };
         (from, NonZeroU32::new(width).unwrap_or(NonZeroU32::MIN))
@@ -83,7 +85,7 @@ pub(super) trait Coder {
     /// Codes a bit whose probability is that of `model`, which learns it. A reader ignores `given`.
     fn bit(&mut self, model: &mut BitModel, given: bool) -> bool;
 
-    /// Whether more was read than was written: nothing that is coded now is worth anything.
+    /// Whether more was read than was written, or what no writer writes: nothing that is coded now is worth anything.
     fn is_broken(&self) -> bool {
         false
     }
@@ -144,7 +146,7 @@ impl<'a> Reader<'a> {
     }
 
     /// Whether all was read that there is.
-    pub fn is_at_end(self) -> bool {
+    pub fn ends_here(self) -> bool {
         self.decoder.is_some_and(|decoder| decoder.into_raw_parts().0.rest.len() == 0)
     }
 }
@@ -246,7 +248,7 @@ mod tests {
             zeros.0.into_iter().zip(zeros.1).map(code).collect::<Vec<_>>()
         };
         assert_eq!(read, given);
-        assert!(!reader.is_broken() && reader.is_at_end());
+        assert!(!reader.is_broken() && reader.ends_here());
     }
 
     #[test]

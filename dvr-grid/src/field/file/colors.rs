@@ -10,7 +10,7 @@ use crate::color::CHANNELS;
 /// Layers of nodes that predictions look back to, the present one among them.
 const LAYERS: usize = 2;
 
-/// Nodes before one that predict it, and their weights.
+/// Nodes before one that predict it, and their weights. They, and what follows, are part of the format.
 const NEIGHBOURS: [(i32, [isize; 3]); 9] = [
     (3, [-1, 0, 0]),
     (3, [0, -1, 0]),
@@ -23,7 +23,7 @@ const NEIGHBOURS: [(i32, [isize; 3]); 9] = [
     (1, [0, 1, -1]),
 ];
 
-/// How far neighbours are from their mean, in quantiser steps summed over channels, in each of the classes but the last.
+/// How far neighbours are from their mean, in quantiser steps summed over channels, less than this in each of the classes but the last.
 const APART: [i32; 5] = [3, 6, 10, 16, 25];
 const CLASSES: usize = APART.len() + 1;
 

@@ -60,7 +60,13 @@ pub enum GridFormatError {
         /// Occupancies and colour channels of all nodes.
         values: usize,
     },
-    /// There are fewer or more values than the header asks for.
+    /// It stores more than is kept of any surface.
+    #[error("the grid field stores {values} values around its surface, and at most {MAX_STORED} are read")]
+    TooMuchSurface {
+        /// Occupancies and colour channels around the surface.
+        values: usize,
+    },
+    /// There is less of it than the header asks for.
     #[error("the grid field is cut short")]
     CutShort,
 }
@@ -83,6 +89,9 @@ const STEPS_PER_CELL: f32 = 32.0;
 /// Colours may overshoot, since they are clamped only after interpolation: what the first and the last step stand for.
 const COLOR_RANGE: [f32; 2] = [-0.25, 1.25];
 
+/// Most values around the surface: surfaces of photographs have a fourth of that with 512 cells.
+const MAX_STORED: usize = 10_000_000;
+
 /// The last quantisation step of colours.
 const LAST_COLOR: f32 = 63.0;
 
@@ -95,7 +104,8 @@ pub const MAX_VALUES: usize = 190_000_000;
 /// A field as bytes.
 ///
 /// # Errors
-/// [`GridFormatError::TooLarge`] where the field has more than [`MAX_VALUES`].
+/// [`GridFormatError::TooLarge`] where the field has more than [`MAX_VALUES`], [`GridFormatError::TooMuchSurface`] where
+/// more of them than anybody reads lie around its surface.
 pub fn to_bytes(field: &GridField) -> Result<Vec<u8>, GridFormatError> {
     let (shape, color) = (field.shape(), field.color());
     let (grid, color_grid) = (shape.grid(), color.grid());
@@ -104,7 +114,7 @@ pub fn to_bytes(field: &GridField) -> Result<Vec<u8>, GridFormatError> {
     let inside = NodeSet::inside(grid, field.occupancy());
     let mut writer = Writer::default();
     let of_shape = |at| quantised(shape.at(at)[0], step);
-    code(&mut writer, [grid, color_grid], &inside, of_shape, |at| color.at(at).map(color_byte));
+    code(&mut writer, [grid, color_grid], &inside, of_shape, |at| color.at(at).map(color_byte))?;
     let stream = writer.finish();
     let mut bytes = MAGIC.to_vec();
     bytes.extend(GRID_FORMAT_VERSION.to_le_bytes());
@@ -129,20 +139,23 @@ struct Coded {
 }
 
 /// Codes the signs of all nodes, the steps of those around the surface, and the colours that these need. A reader ignores
-/// what is given; `None` where it comes to the end of its stream before.
+/// what is given, and fails where it comes to the end of its stream before, or there is too much.
 fn code(
     coder: &mut impl Coder,
     [grid, color_grid]: [&VoxelGrid; 2],
     inside: &NodeSet,
     step: impl Fn([usize; 3]) -> i8,
     color: impl Fn([usize; 3]) -> [u8; CHANNELS],
-) -> Option<Coded> {
-    let inside = signs::code_signs(coder, grid, inside)?;
+) -> Result<Coded, GridFormatError> {
+    let inside = signs::code_signs(coder, grid, inside).ok_or(GridFormatError::CutShort)?;
     let stored = inside.around_surface();
-    let steps = shape::code_steps(coder, grid, &stored, &inside, step)?;
+    check_stored(stored.count())?;
+    let steps = shape::code_steps(coder, grid, &stored, &inside, step).ok_or(GridFormatError::CutShort)?;
     let needed = stored.needed_colors(grid, color_grid);
-    let colors = colors::code_colors(coder, color_grid, &needed, LAST_COLOR as u8, color)?;
-    Some(Coded { stored, inside, steps, needed, colors })
+    check_stored(stored.count() + CHANNELS * needed.count())?;
+    let colors = colors::code_colors(coder, color_grid, &needed, LAST_COLOR as u8, color);
+    let colors = colors.ok_or(GridFormatError::CutShort)?;
+    Ok(Coded { stored, inside, steps, needed, colors })
 }
 
 /// The CRC-32 of all bytes but those that it is kept in.
@@ -156,8 +169,8 @@ fn checksum(bytes: &[u8]) -> u32 {
 /// A field from bytes.
 ///
 /// # Errors
-/// When the bytes are not a grid field, are cut short, come from another version of the program, or claim more than
-/// [`MAX_VALUES`].
+/// When the bytes are not a grid field, are cut short or damaged, come from another version of the program, or claim grids
+/// that cannot be, more than [`MAX_VALUES`], or more of a surface than there is of any.
 pub fn from_bytes(bytes: &[u8]) -> Result<GridField, GridFormatError> {
     if bytes.len() < HEADER || &bytes[..4] != MAGIC {
         return Err(GridFormatError::NotAGridField);
@@ -181,7 +194,13 @@ pub fn from_bytes(bytes: &[u8]) -> Result<GridField, GridFormatError> {
     if stream.len() < length {
         return Err(GridFormatError::CutShort);
     }
-    if stream.len() > length || checksum(bytes) != expected {
+    if length == 0 || !length.is_multiple_of(4) {
+        return Err(damaged("its length is that of no stream"));
+    }
+    if stream.len() > length {
+        return Err(damaged("there is more of it than its header says"));
+    }
+    if checksum(bytes) != expected {
         return Err(damaged("its checksum is another"));
     }
     read(stream, shape, color)
@@ -190,6 +209,10 @@ pub fn from_bytes(bytes: &[u8]) -> Result<GridField, GridFormatError> {
 fn check_values(shape: &VoxelGrid, color: &VoxelGrid) -> Result<(), GridFormatError> {
     let values = shape.len() + 3 * color.len();
     if values > MAX_VALUES { Err(GridFormatError::TooLarge { values }) } else { Ok(()) }
+}
+
+fn check_stored(values: usize) -> Result<(), GridFormatError> {
+    if values > MAX_STORED { Err(GridFormatError::TooMuchSurface { values }) } else { Ok(()) }
 }
 
 fn damaged(reason: &str) -> GridFormatError {
@@ -208,14 +231,16 @@ pub fn stored_values(field: &GridField) -> usize {
 fn read(stream: &[u8], shape: VoxelGrid, color: VoxelGrid) -> Result<GridField, GridFormatError> {
     let mut reader = Reader::new(stream);
     let nothing = NodeSet::new(&shape);
-    let coded = code(&mut reader, [&shape, &color], &nothing, |_| 0, |_| [0; CHANNELS]);
-    let Coded { stored, inside, steps, needed, colors } = coded.ok_or(GridFormatError::CutShort)?;
-    if !reader.is_at_end() {
+    let Coded { stored, inside, steps, needed, colors } =
+        code(&mut reader, [&shape, &color], &nothing, |_| 0, |_| [0; CHANNELS])?;
+    if !reader.ends_here() {
         return Err(damaged("there is more of it than a field"));
     }
     let (step, far) = (shape.spacing() / STEPS_PER_CELL, 2.0 * shape.spacing());
-    let values: Vec<f32> = steps.into_iter().map(|code| (f32::from(code) + 0.5) * step).collect();
-    let values = BrickValues::between_sides(&stored.active(&shape), &values, [[-far], [far]], |at| inside.contains(at));
+    let numbers: Vec<f32> = steps.into_iter().map(|code| (f32::from(code) + 0.5) * step).collect();
+    let values =
+        BrickValues::between_sides(&stored.active(&shape), &numbers, [[-far], [far]], |at| inside.contains(at));
+    drop(numbers);
     let colors: Vec<f32> = colors.as_flattened().iter().map(|&byte| byte_color(byte)).collect();
     let colors = BrickValues::between_sides(&needed.active(&color), &colors, [[0.5; CHANNELS]; 2], |_| false);
     Ok(GridField::of_bricks(values, colors))
@@ -239,8 +264,11 @@ fn byte_color(byte: u8) -> f32 {
 #[cfg(test)]
 mod tests {
     use glam::Vec3;
+    use rand::{Rng, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
 
     use super::*;
+    use crate::field::GridValues;
     use crate::field::grid_field::tests::ball;
 
     #[test]
@@ -272,6 +300,50 @@ mod tests {
         assert!(2 * read.shape().layout().stored_rows() < field.shape().layout().stored_rows());
         let all = GridField::new(read.dense_shape(), read.dense_color());
         assert_eq!(to_bytes(&all).unwrap(), to_bytes(&read).unwrap());
+    }
+
+    /// Whatever a field is: what is stored comes back, and is stored the same again.
+    #[test]
+    fn fields_of_all_kinds_and_sizes_come_back() {
+        let mut rng = ChaCha8Rng::seed_from_u64(9);
+        for (nodes, color_nodes) in [(2, 2), (9, 17), (33, 2), (65, 33), (70, 20)] {
+            let (grid, color_grid) = (VoxelGrid::new(nodes, 0.55), VoxelGrid::new(color_nodes, 0.55));
+            let far = 30.0 * grid.spacing();
+            let fields: [&dyn Fn(Vec3, f32) -> f32; 5] = [
+                &|_, noise| 8.0 * grid.spacing() * (noise - 0.5),
+                &|_, _| far,
+                &|_, _| -far,
+                // Through the border, and a ball with whole bricks within.
+                &|at, _| at.dot(Vec3::new(0.3, 0.8, -0.2)),
+                &|at, _| 0.45 - at.length(),
+            ];
+            for (index, field) in fields.into_iter().enumerate() {
+                let values = (0..grid.len()).map(|node| field(grid.position(node), rng.random())).collect();
+                let colors = (0..3 * color_grid.len()).map(|_| rng.random()).collect();
+                let field =
+                    GridField::new(GridValues { grid, values }, GridValues { grid: color_grid, values: colors });
+                let bytes = to_bytes(&field).unwrap();
+                let read = from_bytes(&bytes).unwrap();
+                let name = format!("{nodes} nodes, {color_nodes} of colour, field {index}");
+                let (step, [given, found]) =
+                    (grid.spacing() / STEPS_PER_CELL, [&field, &read].map(GridField::dense_shape));
+                let stored = NodeSet::inside(&grid, field.occupancy()).around_surface();
+                for node in 0..grid.len() {
+                    let [given, found] = [given.values[node], found.values[node]];
+                    assert_eq!(given >= 0.0, found >= 0.0, "{name}");
+                    let is_kept =
+                        !stored.contains(grid.coordinates(node)) || quantised(given, step) == quantised(found, step);
+                    assert!(is_kept, "{name}: {given} {found}");
+                }
+                let [given, found] = [&field, &read].map(|field| field.dense_color().values);
+                for at in stored.needed_colors(&grid, &color_grid).iter() {
+                    let first = 3 * color_grid.index(at);
+                    let bytes = |values: &[f32]| [0, 1, 2].map(|c| color_byte(values[first + c]));
+                    assert_eq!(bytes(&given), bytes(&found), "{name}");
+                }
+                assert_eq!(to_bytes(&read).unwrap(), bytes, "{name}");
+            }
+        }
     }
 
     #[test]

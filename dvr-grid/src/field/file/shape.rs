@@ -11,9 +11,12 @@ use super::node_set::NodeSet;
 /// Layers of nodes that predictions look back to, the present one among them.
 const LAYERS: usize = 3;
 
+/// Nodes before one, by their offsets, each with a factor.
+type Terms = &'static [(i32, [isize; 3])];
+
 /// Sums of values before a node, with their weights among each other: by the spread of what they leave on shapes that
-/// were learned from photographs.
-const PREDICTORS: [(i32, &[(i32, [isize; 3])]); 10] = [
+/// were learned from photographs. They, and what follows, are part of the format.
+const PREDICTORS: [(i32, Terms); 10] = [
     (5, &[(2, [-1, 0, 0]), (-1, [-2, 0, 0])]),
     (5, &[(2, [0, -1, 0]), (-1, [0, -2, 0])]),
     (5, &[(2, [0, 0, -1]), (-1, [0, 0, -2])]),
@@ -37,7 +40,7 @@ const PREDICTORS: [(i32, &[(i32, [isize; 3])]); 10] = [
     (4, &[(1, [0, 1, -1]), (1, [0, -1, 0]), (-1, [0, 0, -1])]),
 ];
 
-/// How far predictors are apart at most, in quantiser steps, in each of the classes but the last two.
+/// How far predictors are apart, in quantiser steps, less than this in each of the classes but the last two.
 const APART: [i32; 5] = [1, 2, 4, 8, 16];
 
 /// Classes of predictions: by how far they are apart, and without any.

@@ -46,7 +46,7 @@ impl GpuGrid {
         let channels = C;
         // Of the active nodes alone, in their order. Where nothing has been learned yet, that is zero.
         let mut base = given.base();
-        let state = given.is_touched().then(|| given.state()).unwrap_or_default();
+        let state = if given.is_touched() { given.state() } else { Vec::new() };
         let given_levels: Vec<(usize, Vec<u32>)> =
             given.node_sets().map(|set| (set.grid().nodes(), set.iter().map(|node| node as u32).collect())).collect();
         let steps = state.first().copied().unwrap_or_default() as i32;

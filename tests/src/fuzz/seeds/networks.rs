@@ -76,6 +76,16 @@ fn ball(nodes: usize, color_nodes: usize) -> GridField {
     GridField::new(GridValues { grid: shape, values }, GridValues { grid: color, values: colors })
 }
 
+/// A field that is inside at some nodes.
+pub(in crate::fuzz) fn field_of(nodes: usize, color_nodes: usize, is_inside: fn([usize; 3]) -> bool) -> Vec<u8> {
+    let (shape, color) = (VoxelGrid::new(nodes, 0.55), VoxelGrid::new(color_nodes, 0.55));
+    let side = |node: usize| if is_inside(shape.coordinates(node)) { shape.spacing() } else { -shape.spacing() };
+    let values = (0..shape.len()).map(side).collect();
+    let colors = vec![0.5; 3 * color.len()];
+    let field = GridField::new(GridValues { grid: shape, values }, GridValues { grid: color, values: colors });
+    grid_file::to_bytes(&field).unwrap_or_else(|e| panic!("{e}"))
+}
+
 pub(in crate::fuzz) fn scene_dvr() -> Vec<Vec<u8>> {
     [(9, 5), (5, 3), (3, 2)]
         .map(|(nodes, colors)| grid_file::to_bytes(&ball(nodes, colors)).unwrap_or_else(|e| panic!("{e}")))
