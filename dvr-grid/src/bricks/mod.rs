@@ -6,10 +6,12 @@
 
 mod band;
 mod layout;
+mod node_set;
 mod occupancy;
 mod values;
 
 pub(crate) use band::near_refined_surface;
 pub(crate) use layout::{Brick, BrickLayout, EDGE, Row, Stored};
+pub(crate) use node_set::{BEFORE, NodeSet};
 pub(crate) use occupancy::BrickOccupancy;
 pub(crate) use values::BrickValues;

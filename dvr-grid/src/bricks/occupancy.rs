@@ -81,17 +81,19 @@ impl BrickOccupancy {
         })
     }
 
-    /// Writes for each node of the layer `z`, by y and x, 1 where its value is not negative, else 0.
-    pub fn write_inside(&self, z: usize, layer: &mut [u8]) {
+    /// Writes a bit for each node of the layer `z`, in rows of whole words: whether its value is not negative. They are zero
+    /// before.
+    pub fn write_inside(&self, z: usize, rows: &mut [u64]) {
         let nodes = self.layout.grid().nodes();
-        for (y, row) in layer.chunks_mut(nodes).enumerate() {
-            for (brick, out) in row.chunks_mut(EDGE).enumerate() {
+        for (y, row) in rows.chunks_mut(nodes.div_ceil(64)).enumerate() {
+            for brick in 0..self.layout.edge() {
                 let bits = match self.layout.brick([brick, y / EDGE, z / EDGE]) {
-                    Ok(brick) => self.inside[brick][z % EDGE] >> (y % EDGE * EDGE),
-                    Err(true) => u64::MAX,
+                    Ok(index) => self.inside[index][z % EDGE] >> (y % EDGE * EDGE) & 0xff,
+                    // Rows end where the grid does.
+                    Err(true) => 0xff >> (EDGE - EDGE.min(nodes - EDGE * brick)),
                     Err(false) => 0,
                 };
-                out.iter_mut().enumerate().for_each(|(lane, out)| *out = (bits >> lane & 1) as u8);
+                row[EDGE * brick / 64] |= bits << (EDGE * brick % 64);
             }
         }
     }

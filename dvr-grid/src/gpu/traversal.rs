@@ -315,3 +315,22 @@ fn quadratic(a: &Point, b: &Point, one: f32, x: f32, y: f32, xy: f32) -> Point {
         xy * b.x * b.y,
     )
 }
+
+#[cfg(test)]
+mod tests {
+    use dvr_core::voxel::VoxelGrid;
+
+    use super::*;
+
+    #[test]
+    fn a_region_holds_what_is_marked_and_the_cells_beside_active_nodes() {
+        let grid = VoxelGrid::new(9, 0.5);
+        let none = ActiveNodes::none(&grid);
+        assert_eq!(region([[0; 3]; 2], &none), [[0; 3]; 2], "nothing");
+        assert_eq!(region([[1, 2, 3], [4, 5, 6]], &none), [[1, 2, 3], [4, 5, 6]]);
+        let some = [grid.index([0, 4, 5]), grid.index([8, 4, 5])];
+        let active = ActiveNodes::new(&grid, |node| some.contains(&node));
+        assert_eq!(region([[0; 3]; 2], &active), [[0, 3, 4], [8, 5, 6]], "no cell beyond the grid");
+        assert_eq!(region([[2, 0, 5], [3, 1, 8]], &active), [[0, 0, 4], [8, 5, 8]]);
+    }
+}

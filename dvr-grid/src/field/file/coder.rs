@@ -215,6 +215,12 @@ mod tests {
 
     use super::*;
 
+    /// Numbers and bits, one after the other.
+    fn coded(coder: &mut impl Coder, given: &[(i32, bool)]) -> Vec<(i32, bool)> {
+        let (mut number, mut bit) = (NumberModel::default(), BitModel::default());
+        given.iter().map(|&(n, b)| (number.code(coder, n), coder.bit(&mut bit, b))).collect()
+    }
+
     #[test]
     fn what_is_written_is_read_and_what_is_likely_costs_little() {
         let mut rng = ChaCha8Rng::seed_from_u64(3);
@@ -222,32 +228,14 @@ mod tests {
             .map(|i| if i % 100 == 0 { rng.random_range(-255..=255) } else { rng.random_range(-1..=1) })
             .collect();
         let bits: Vec<bool> = (0..4000).map(|_| rng.random_bool(0.01)).collect();
-        let pass = |coder: &mut dyn FnMut(&mut BitModel, bool) -> bool| {
-            struct Dynamic<'a>(&'a mut dyn FnMut(&mut BitModel, bool) -> bool);
-            impl Coder for Dynamic<'_> {
-                fn bit(&mut self, model: &mut BitModel, given: bool) -> bool {
-                    (self.0)(model, given)
-                }
-            }
-            let (mut number, mut bit) = (NumberModel::default(), BitModel::default());
-            let mut coder = Dynamic(coder);
-            let code = |(&n, &b): (&i32, &bool)| (number.code(&mut coder, n), coder.bit(&mut bit, b));
-            numbers.iter().zip(&bits).map(code).collect::<Vec<_>>()
-        };
         let mut writer = Writer::default();
-        let given = pass(&mut |model, bit| writer.bit(model, bit));
-        assert!(given.iter().map(|(n, _)| *n).eq(numbers.iter().copied()));
+        let given: Vec<_> = numbers.into_iter().zip(bits).collect();
+        assert_eq!(coded(&mut writer, &given), given);
         let bytes = writer.finish();
         // log2(3) bits for a number, .08 for a bit, and a few that are large.
         assert!(bytes.len() < 4000 * 19 / 80, "{} bytes", bytes.len());
         let mut reader = Reader::new(&bytes);
-        let read = {
-            let zeros = (vec![0; numbers.len()], vec![false; bits.len()]);
-            let (mut number, mut bit) = (NumberModel::default(), BitModel::default());
-            let code = |(n, b): (i32, bool)| (number.code(&mut reader, n), reader.bit(&mut bit, b));
-            zeros.0.into_iter().zip(zeros.1).map(code).collect::<Vec<_>>()
-        };
-        assert_eq!(read, given);
+        assert_eq!(coded(&mut reader, &vec![(0, false); given.len()]), given);
         assert!(!reader.is_broken() && reader.ends_here());
     }
 

@@ -4,7 +4,7 @@
 use dvr_core::voxel::VoxelGrid;
 
 use super::coder::{Coder, NumberModel};
-use super::node_set::NodeSet;
+use crate::bricks::NodeSet;
 use crate::color::CHANNELS;
 
 /// Layers of nodes that predictions look back to, the present one among them.
@@ -23,7 +23,8 @@ const NEIGHBOURS: [(i32, [isize; 3]); 9] = [
     (1, [0, 1, -1]),
 ];
 
-/// How far neighbours are from their mean, in quantiser steps summed over channels, less than this in each of the classes but the last.
+/// How far neighbours are from their mean, in quantiser steps summed over channels, less than this in each of the classes
+/// but the last.
 const APART: [i32; 5] = [3, 6, 10, 16, 25];
 const CLASSES: usize = APART.len() + 1;
 

@@ -8,18 +8,16 @@
 
 mod coder;
 mod colors;
-mod node_set;
 mod shape;
 mod signs;
 
 use dvr_core::voxel::VoxelGrid;
 use flate2::Crc;
 
-use crate::bricks::BrickValues;
+use crate::bricks::{BrickValues, NodeSet};
 use crate::color::CHANNELS;
 use crate::field::grid_field::GridField;
 use coder::{Coder, Reader, Writer};
-use node_set::NodeSet;
 
 /// Why bytes cannot be read as a grid field.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -151,7 +149,7 @@ fn code(
     let stored = inside.around_surface();
     check_stored(stored.count())?;
     let steps = shape::code_steps(coder, grid, &stored, &inside, step).ok_or(GridFormatError::CutShort)?;
-    let needed = stored.needed_colors(grid, color_grid);
+    let needed = needed_colors(&stored, grid, color_grid);
     check_stored(stored.count() + CHANNELS * needed.count())?;
     let colors = colors::code_colors(coder, color_grid, &needed, LAST_COLOR as u8, color);
     let colors = colors.ok_or(GridFormatError::CutShort)?;
@@ -223,7 +221,7 @@ fn damaged(reason: &str) -> GridFormatError {
 pub fn stored_values(field: &GridField) -> usize {
     let (grid, color_grid) = (field.shape().grid(), field.color().grid());
     let stored = NodeSet::inside(grid, field.occupancy()).around_surface();
-    stored.count() + CHANNELS * stored.needed_colors(grid, color_grid).count()
+    stored.count() + CHANNELS * needed_colors(&stored, grid, color_grid).count()
 }
 
 /// What a stream holds. At nodes that are not stored, the occupancy is two spacings on either side; where no colour is
@@ -244,6 +242,18 @@ fn read(stream: &[u8], shape: VoxelGrid, color: VoxelGrid) -> Result<GridField, 
     let colors: Vec<f32> = colors.as_flattened().iter().map(|&byte| byte_color(byte)).collect();
     let colors = BrickValues::between_sides(&needed.active(&color), &colors, [[0.5; CHANNELS]; 2], |_| false);
     Ok(GridField::of_bricks(values, colors))
+}
+
+/// The colour nodes around these nodes of the shape.
+fn needed_colors(stored: &NodeSet, shape: &VoxelGrid, color: &VoxelGrid) -> NodeSet {
+    let mut needed = NodeSet::new(color);
+    for at in stored.iter() {
+        let [x, y, z] = color.coordinates(color.locate(shape.position(shape.index(at))).node);
+        for corner in 0..8 {
+            needed.set([x + (corner & 1), y + (corner >> 1 & 1), z + (corner >> 2)]);
+        }
+    }
+    needed
 }
 
 /// The sign is kept: codes 0 and up are inside, -1 and down outside, each for the middle of its step.
@@ -336,7 +346,7 @@ mod tests {
                     assert!(is_kept, "{name}: {given} {found}");
                 }
                 let [given, found] = [&field, &read].map(|field| field.dense_color().values);
-                for at in stored.needed_colors(&grid, &color_grid).iter() {
+                for at in needed_colors(&stored, &grid, &color_grid).iter() {
                     let first = 3 * color_grid.index(at);
                     let bytes = |values: &[f32]| [0, 1, 2].map(|c| color_byte(values[first + c]));
                     assert_eq!(bytes(&given), bytes(&found), "{name}");

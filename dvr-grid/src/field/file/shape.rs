@@ -6,7 +6,7 @@
 use dvr_core::voxel::VoxelGrid;
 
 use super::coder::{Coder, NumberModel};
-use super::node_set::NodeSet;
+use crate::bricks::NodeSet;
 
 /// Layers of nodes that predictions look back to, the present one among them.
 const LAYERS: usize = 3;

@@ -5,10 +5,7 @@
 use dvr_core::voxel::VoxelGrid;
 
 use super::coder::{BitModel, Coder};
-use super::node_set::{BEFORE, NodeSet};
-
-/// Nodes along the edge of a brick.
-const EDGE: usize = 8;
+use crate::bricks::{BEFORE, EDGE, NodeSet};
 
 /// Neighbours that come before a node: of each row, by y and z from the node's, those at these places along x.
 const NEIGHBOURS: [([isize; 2], &[isize]); 7] = [

@@ -1,13 +1,15 @@
-//! Sets of nodes, and which nodes a surface makes known: the corners of the cells that it passes through.
+//! Sets of nodes, a bit each: those inside, the corners of the cells that a surface passes through, those near others.
 
 use dvr_core::voxel::VoxelGrid;
 use rayon::prelude::*;
 
+use super::layout::EDGE;
+use super::occupancy::BrickOccupancy;
 use crate::active::ActiveNodes;
-use crate::bricks::BrickOccupancy;
 
 /// A set of nodes, a bit each, in rows of whole words along x. Beyond the grid there are none.
-pub(super) struct NodeSet {
+#[derive(Clone, Debug)]
+pub(crate) struct NodeSet {
     nodes: usize,
     /// Words of a row.
     words: usize,
@@ -15,7 +17,7 @@ pub(super) struct NodeSet {
 }
 
 /// How far before the first of eight nodes a [`NodeSet::window`] begins.
-pub(super) const BEFORE: usize = 2;
+pub(crate) const BEFORE: usize = 2;
 
 impl NodeSet {
     pub fn new(grid: &VoxelGrid) -> Self {
@@ -26,18 +28,8 @@ impl NodeSet {
     /// The nodes that are not negative.
     pub fn inside(grid: &VoxelGrid, occupancy: &BrickOccupancy) -> Self {
         let mut set = Self::new(grid);
-        let (nodes, words) = (set.nodes, set.words);
-        set.bits.par_chunks_mut(words * nodes).enumerate().for_each_init(
-            || vec![0u8; nodes * nodes],
-            |layer, (z, rows)| {
-                occupancy.write_inside(z, layer);
-                for (row, signs) in rows.chunks_mut(words).zip(layer.chunks(nodes)) {
-                    for (word, signs) in row.iter_mut().zip(signs.chunks(64)) {
-                        *word = signs.iter().rev().fold(0, |word, &sign| word << 1 | u64::from(sign));
-                    }
-                }
-            },
-        );
+        let plane = set.words * set.nodes;
+        set.bits.par_chunks_mut(plane).enumerate().for_each(|(z, rows)| occupancy.write_inside(z, rows));
         set
     }
 
@@ -140,38 +132,77 @@ impl NodeSet {
         Self { nodes, words, bits: corners }
     }
 
-    /// The colour nodes around these nodes of the shape.
-    pub fn needed_colors(&self, shape: &VoxelGrid, color: &VoxelGrid) -> Self {
-        let mut needed = Self::new(color);
-        for at in self.iter() {
-            let [x, y, z] = color.coordinates(color.locate(shape.position(shape.index(at))).node);
-            for corner in 0..8 {
-                needed.set([x + (corner & 1), y + (corner >> 1 & 1), z + (corner >> 2)]);
-            }
-        }
-        needed
+    /// Words that hold the rows of a brick, how far its nodes are shifted in them, and the bits of these without the shift.
+    fn words_of_brick(&self, brick: [usize; 3]) -> (impl Iterator<Item = usize> + use<>, usize, u64) {
+        let Self { nodes, words, .. } = *self;
+        let [x, y, z] = brick.map(|at| EDGE * at);
+        let range = move |from: usize| from..(from + EDGE).min(nodes);
+        let indices = range(z).flat_map(move |z| range(y).map(move |y| (z * nodes + y) * words + x / 64));
+        (indices, x % 64, (1 << (nodes - x).min(EDGE)) - 1)
     }
 
-    /// Puts all nodes of a brick of eight along each axis into the set, as far as they are in the grid.
+    /// Puts all nodes of a brick into the set.
     pub fn fill_brick(&mut self, brick: [usize; 3]) {
-        let [x, y, z] = brick.map(|at| 8 * at);
-        let there = (1u64 << (self.nodes - x).min(8)) - 1;
-        for (z, y) in (z..(z + 8).min(self.nodes)).flat_map(|z| (y..(y + 8).min(self.nodes)).map(move |y| (z, y))) {
-            self.bits[(z * self.nodes + y) * self.words + x / 64] |= there << (x % 64);
-        }
+        let (indices, shift, nodes) = self.words_of_brick(brick);
+        indices.for_each(|index| self.bits[index] |= nodes << shift);
     }
 
     /// Whether all, or none, of the nodes of a brick are in the set; neither where some are.
     pub fn side_of_brick(&self, brick: [usize; 3]) -> Option<bool> {
-        let [x, y, z] = brick.map(|at| 8 * at);
-        let there = (1u64 << (self.nodes - x).min(8)) - 1;
-        let mut sides = [false; 2];
-        for (z, y) in (z..(z + 8).min(self.nodes)).flat_map(|z| (y..(y + 8).min(self.nodes)).map(move |y| (z, y))) {
-            let bits = self.bits[(z * self.nodes + y) * self.words + x / 64] >> (x % 64) & there;
-            sides[0] |= bits != there;
-            sides[1] |= bits != 0;
+        let (indices, shift, nodes) = self.words_of_brick(brick);
+        let [mut some, mut all] = [false, true];
+        for index in indices {
+            let bits = self.bits[index] >> shift & nodes;
+            (some, all) = (some || bits != 0, all && bits == nodes);
         }
-        (sides[0] != sides[1]).then_some(sides[1])
+        (some == all).then_some(all)
+    }
+
+    /// The nodes that have one of these at most `before` nodes before or `after` nodes after them along each axis.
+    pub fn grown(self, before: usize, after: usize) -> Self {
+        assert!(before < 64 && after < 64, "shifts within a word");
+        let Self { nodes, words, bits } = self;
+        let plane = words * nodes;
+        let mut along_x = vec![0; bits.len()];
+        along_x.par_chunks_mut(words).zip(bits.par_chunks(words)).with_min_len(nodes).for_each(|(to, row)| {
+            for (i, to) in to.iter_mut().enumerate() {
+                let (last, next) = (i.checked_sub(1).map_or(0, |i| row[i]), row.get(i + 1).copied().unwrap_or(0));
+                *to = row[i];
+                (1..=before).for_each(|by| *to |= row[i] << by | last >> (64 - by));
+                (1..=after).for_each(|by| *to |= row[i] >> by | next << (64 - by));
+            }
+        });
+        let grow = |from: &[u64], stride: usize| {
+            let mut grown = vec![0; from.len()];
+            grown.par_chunks_mut(words).enumerate().with_min_len(nodes).for_each(|(row, to)| {
+                let at = row * words / stride % nodes;
+                for other in at.saturating_sub(before)..=(at + after).min(nodes - 1) {
+                    let start = row * words + other * stride - at * stride;
+                    to.iter_mut().zip(&from[start..start + words]).for_each(|(to, from)| *to |= from);
+                }
+            });
+            grown
+        };
+        let along_y = grow(&along_x, words);
+        Self { nodes, words, bits: grow(&along_y, plane) }
+    }
+
+    /// Those that are not on the border of the grid.
+    pub fn without_border(mut self) -> Self {
+        let Self { nodes, words, .. } = self;
+        let last = nodes - 1;
+        self.bits.par_chunks_mut(words).enumerate().with_min_len(nodes).for_each(|(row, bits)| {
+            let is_inner = |at: usize| at > 0 && at < last;
+            if !is_inner(row % nodes) || !is_inner(row / nodes) {
+                bits.fill(0);
+            }
+            bits[0] &= !1;
+            for (word, bits) in bits.iter_mut().enumerate() {
+                let inner = last.saturating_sub(64 * word).min(64);
+                *bits &= if inner == 64 { !0 } else { (1 << inner) - 1 };
+            }
+        });
+        self
     }
 }
 
@@ -201,26 +232,31 @@ mod tests {
             let found = set.around_surface();
             assert!(found.bits == expected.bits, "{nodes} nodes");
             assert_eq!(found.iter().count(), found.count());
-            let (x, y, z) = (nodes / 8 * 8, nodes as isize / 2, nodes as isize - 1);
-            let bit = |i: usize| u32::from(set.has([(x + i) as isize - BEFORE as isize, y, z])) << i;
-            assert_eq!(set.window(x, y, z), (0..12).map(bit).sum::<u32>());
+            let (y, z) = (nodes as isize / 2, nodes as isize - 1);
+            for x in (0..nodes).step_by(EDGE) {
+                let bit = |i: usize| u32::from(set.has([(x + i) as isize - BEFORE as isize, y, z])) << i;
+                assert_eq!(set.window(x, y, z), (0..12).map(bit).sum::<u32>(), "{nodes} nodes, from {x}");
+            }
             assert_eq!(set.window(0, -1, z), 0);
-            for index in 0..nodes.div_ceil(8).pow(3) {
-                let edge = nodes.div_ceil(8);
+            let edge = nodes.div_ceil(EDGE);
+            for index in 0..edge.pow(3) {
                 let brick = [index % edge, index / edge % edge, index / (edge * edge)];
-                let within = |at: &[usize; 3]| at.iter().zip(brick).all(|(at, brick)| at / 8 == brick);
-                let all = (0..grid.len()).map(|node| grid.coordinates(node)).filter(within);
-                let (count, inside) =
-                    all.fold((0, 0), |(count, inside), at| (count + 1, inside + usize::from(set.contains(at))));
-                let side = if inside == 0 {
-                    Some(false)
-                } else if inside == count {
-                    Some(true)
-                } else {
-                    None
-                };
-                assert_eq!(set.side_of_brick(brick), side);
-                if nodes > 65 {
+                let [xs, ys, zs] = brick.map(|at| EDGE * at..(EDGE * (at + 1)).min(nodes));
+                let all: Vec<_> = zs
+                    .flat_map(|z| {
+                        ys.clone().flat_map({
+                            let xs = xs.clone();
+                            move |y| xs.clone().map(move |x| [x, y, z])
+                        })
+                    })
+                    .collect();
+                let inside = all.iter().filter(|&&at| set.contains(at)).count();
+                let expected = [0, all.len()].contains(&inside).then_some(inside > 0);
+                assert_eq!(set.side_of_brick(brick), expected, "{nodes} nodes, {brick:?}");
+                let mut filled = NodeSet::new(&grid);
+                filled.fill_brick(brick);
+                assert!(filled.count() == all.len() && all.iter().all(|&at| filled.contains(at)));
+                if nodes > 70 && index > 20 {
                     break;
                 }
             }
