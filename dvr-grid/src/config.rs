@@ -34,7 +34,7 @@ pub struct GridConfig {
     /// none where raw colours count in full, or nothing judges.
     pub further_passes: usize,
     /// Gain in NCC score of a stage or pass from which on a further pass follows. Of those that followed less on
-    /// photographs and photoreal renders, none that was kept brought more than .0005; those that followed more, from .0011
+    /// photographs and photoreal renders, none brought more than .0008; those that followed more, from .0011
     /// on, brought up to .011.
     pub further_after_gain: f64,
     /// Rays per step, where the object has up to 125 000 pixels in all photographs together.
