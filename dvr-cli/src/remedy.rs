@@ -68,7 +68,8 @@ fn of_core(error: &dvr_core::Error) -> Option<String> {
         Error::TooFewViews { .. } => Some("Allow more with --views, and leave out fewer with --ignore.".into()),
         Error::NoPlace { .. } => Some("--normalise auto or hull finds the object by the masks.".into()),
         Error::Normalisation(_) | Error::MasksEmpty { .. } => Some(
-            "--ignore VIEW leaves views out; --normalise files takes the place that the files give, where they give one."
+            "--ignore VIEW leaves views out; --box tells where the object is; --normalise files takes the place that the files \
+             give, where they give one."
                 .into(),
         ),
         Error::PhotographMemory { .. } => Some(

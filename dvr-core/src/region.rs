@@ -28,8 +28,10 @@ pub struct Region {
 pub enum RegionEvidence {
     /// The files promise the unit cube, or name another.
     Files,
-    /// The caller.
+    /// The caller, who gave the unit cube.
     Given,
+    /// The caller, who gave a box.
+    Box,
     /// What all cameras look at.
     Cameras,
     /// The visual hull of the masks.
@@ -77,6 +79,7 @@ impl fmt::Display for RegionEvidence {
         match self {
             Self::Files => write!(f, "the files' unit cube"),
             Self::Given => write!(f, "the unit cube that was given"),
+            Self::Box => write!(f, "the box that was given"),
             Self::Cameras => write!(f, "what all cameras look at"),
             Self::Masks => write!(f, "the visual hull of the masks"),
             Self::Sphere => write!(f, "the sphere of the cameras' file"),

@@ -4,9 +4,10 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use dvr_core::dataset::{Background, BackgroundColor, Format, Normalise, ReadOptions};
+use dvr_core::hull::Bounds;
 
 use super::masks::MasksFrom;
-use super::values::{parse_memory, within};
+use super::values::{parse_box, parse_memory, within};
 
 /// How a scene is read.
 #[derive(Args, Clone, Debug, Default)]
@@ -44,6 +45,10 @@ pub struct SceneArgs {
     /// How the object is centred and scaled to the unit cube [default: auto]
     #[arg(long, value_enum, value_name = "HOW")]
     pub normalise: Option<NormaliseArg>,
+    /// Where the object is, where that is not found: two opposite corners, in the units of the files, as `dvr info` prints
+    /// the region; e.g. --box "(-1,-1,0) to (1,1,2.5)". The cube around it, with a margin, is what is modelled
+    #[arg(long = "box", value_parser = parse_box, value_name = "CORNERS", conflicts_with = "normalise", allow_hyphen_values = true)]
+    pub bounds: Option<Bounds>,
     /// DVR layout: read depth maps from visual_hull_depth/
     #[arg(long)]
     pub visual_hull_depth: bool,
@@ -86,6 +91,11 @@ impl SceneArgs {
         Some(Background { threshold: self.background_threshold.unwrap_or(background.threshold), ..background })
     }
 
+    /// Who says where the object is, where that was given.
+    pub fn normalised(&self) -> Option<Normalise> {
+        self.bounds.map(Normalise::Box).or(self.normalise.map(NormaliseArg::normalise))
+    }
+
     /// The library's options.
     pub fn read_options(&self) -> ReadOptions {
         ReadOptions {
@@ -98,7 +108,7 @@ impl SceneArgs {
             },
             n_views: self.views,
             ignored_views: self.ignore.clone(),
-            normalise: self.normalise.map_or(Normalise::Auto, NormaliseArg::normalise),
+            normalise: self.normalised().unwrap_or_default(),
             visual_hull_depth: self.visual_hull_depth,
             max_memory: self.memory,
             ..ReadOptions::default()

@@ -4,7 +4,9 @@ use std::fmt::Display;
 use std::str::FromStr;
 use std::time::Duration;
 
+use dvr_core::hull::Bounds;
 use dvr_train::Shard;
+use glam::DVec3;
 
 /// Reads a number between two, both included. The help of an argument says which.
 pub(super) fn within<T>(least: T, most: T) -> impl Fn(&str) -> Result<T, String> + Clone + Send + Sync + 'static
@@ -85,6 +87,32 @@ fn bytes_of(text: &str) -> Option<u64> {
     number.parse::<u64>().ok().and_then(|n| n.checked_mul(factor))
 }
 
+/// Farthest corner of a box from the origin, in the units of the files.
+const FARTHEST: f64 = 1e12;
+
+/// Reads `(-1,-1,0) to (1,1,2.5)`, as `dvr info` prints a box, or `(-1,-1,0)-(1,1,2.5)`.
+pub(super) fn parse_box(text: &str) -> Result<Bounds, String> {
+    let wrong = || format!("{text:?} is not a box; write two opposite corners, e.g. \"(-1,-1,0) to (1,1,2.5)\"");
+    let coordinate = |s: &str| s.trim().parse::<f64>().ok().filter(|x| x.abs() <= FARTHEST);
+    let corner = |s: &str| -> Option<DVec3> {
+        let numbers: Vec<f64> = s.split(',').map(coordinate).collect::<Option<_>>()?;
+        <[f64; 3]>::try_from(numbers).ok().map(DVec3::from_array)
+    };
+    let inner = text.trim().strip_prefix('(').and_then(|s| s.strip_suffix(')')).ok_or_else(wrong)?;
+    let (first, rest) = inner.split_once(')').ok_or_else(wrong)?;
+    let (between, second) = rest.split_once('(').ok_or_else(wrong)?;
+    if !matches!(between.trim(), "to" | "-") {
+        return Err(wrong());
+    }
+    let (first, second) = corner(first).zip(corner(second)).ok_or_else(wrong)?;
+    let bounds = Bounds { min: first.min(second), max: first.max(second) };
+    if bounds.size().min_element() > 0.0 {
+        Ok(bounds)
+    } else {
+        Err(format!("{text:?}: the corners must differ along each axis"))
+    }
+}
+
 /// Reads `64` or `320x240`.
 pub(super) fn parse_size(text: &str) -> Result<(u32, u32), String> {
     let (width, height) = text.split_once('x').unwrap_or((text, text));
@@ -116,5 +144,20 @@ mod tests {
         assert_eq!((parse_length("0.5"), parse_length(" 2e-3")), (Ok(0.5), Ok(0.002)));
         assert!(["0", "-1", "nan", "inf", "", "mm"].into_iter().all(|length| parse_length(length).is_err()));
         assert!(parse_size("0").is_err() && parse_size("axb").is_err());
+    }
+
+    #[test]
+    fn boxes_are_read_by_any_two_opposite_corners() {
+        let expected = Bounds { min: DVec3::new(-1.0, 0.0, -2.5), max: DVec3::new(1.0, 3e-2, 4.0) };
+        for text in ["(-1,0,-2.5) to (1,3e-2,4)", " ( 1, 0 ,4)-(-1, 0.03,-2.5) "] {
+            assert_eq!(parse_box(text), Ok(expected), "{text}");
+        }
+        for wrong in ["", "(1,2,3)", "1,2,3,4,5,6", "(1,2) to (3,4)", "(1,2,3) and (4,5,6)", "(1,2,3) to (4,5,x)"] {
+            assert!(parse_box(wrong).unwrap_err().contains("is not a box"), "{wrong}");
+        }
+        for wrong in ["(nan,0,0) to (1,1,1)", "(0,0,0) to (inf,1,1)", "(0,0,0) to (1,1,1e13)"] {
+            assert!(parse_box(wrong).is_err(), "{wrong}");
+        }
+        assert!(parse_box("(0,0,0) to (1,0,1)").unwrap_err().contains("differ along each axis"));
     }
 }

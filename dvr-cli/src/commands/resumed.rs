@@ -1,7 +1,7 @@
 //! Options for a run that has begun: they may repeat how it began, and change nothing that its results depend on.
 
 use anyhow::{Result, bail};
-use dvr_core::dataset::ObjectOptions;
+use dvr_core::dataset::{Normalise, ObjectOptions};
 use dvr_train::{Checkpoint, Method, method_of};
 use serde::Serialize;
 use serde_json::Value;
@@ -103,6 +103,8 @@ impl Differences {
         self.compare("--no-mask-refinement", !stored.refine_masks, given_flag(given.no_mask_refinement));
         self.compare("--views", options.n_views, given.views.map(Some));
         self.compare("--ignore", options.ignored_views.clone(), ignored);
+        let bounds = if let Normalise::Box(bounds) = options.normalise { Some(bounds) } else { None };
+        self.compare("--box", bounds, given.bounds.map(Some));
         self.compare("--normalise", options.normalise, given.normalise.map(|how| how.normalise()));
         self.compare("--visual-hull-depth", options.visual_hull_depth, given_flag(given.visual_hull_depth));
     }

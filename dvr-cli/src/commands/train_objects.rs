@@ -80,8 +80,8 @@ fn refuse_scene_options(reading: &SceneArgs) -> Result<()> {
     };
     if given != shared || reading.no_mask_refinement {
         bail!(
-            "--downscale, --background, --no-mask-refinement, --views, --ignore and --normalise are for single scenes; objects \
-             of a dataset are read as they are"
+            "--downscale, --background, --no-mask-refinement, --views, --ignore, --normalise and --box are for single scenes; \
+             objects of a dataset are read as they are"
         );
     }
     Ok(())

@@ -148,6 +148,7 @@ fn resuming_with_other_options_is_refused_with_the_difference() {
         "--no-mask-refinement was off, is on",
     ];
     refuses(&resume(&[&reading[..], &["--no-mask-refinement"]].concat()), &differences);
+    refuses(&resume(&["--box", "(0,0,0) to (1,2,3)"]), &["--box was none, is "]);
     refuses(&resume(&["--method", "grid"]), &["--method was hull, is grid"]);
     refuses(
         &resume(&["--supervision", "depth", "--refine-cameras"]),

@@ -9,6 +9,8 @@ use super::region_of_interest::{Place, by_masks};
 use crate::camera::Similarity;
 use crate::error::{Error, Result};
 use crate::hold_out::test_views;
+use crate::hull::{Bounds, Normalisation};
+use crate::number_range::OutOfRange;
 use crate::points::PointCloud;
 use crate::raster::Mask;
 use crate::ray::UnitCube;
@@ -35,7 +37,7 @@ pub(super) fn asked_views(views: &[View], options: &ReadOptions) -> Vec<bool> {
 ///
 /// # Errors
 /// [`Error::Normalisation`] where the object cannot be found by its masks, [`Error::NoPlace`] where the files are to say
-/// where it is and do not.
+/// where it is and do not, [`Error::OutOfRange`] for a box without a size.
 pub(super) fn into_object_space(
     raw: &mut RawScene,
     views: &mut [View],
@@ -91,6 +93,7 @@ fn place_of_object(raw: &RawScene, views: &[View], asked: &[bool], normalise: No
         (Normalise::Given(object_to_world), _) => {
             Place::cube(compose(&raw.files_to_world.inverse(), &object_to_world), RegionEvidence::Given)
         }
+        (Normalise::Box(bounds), _) => in_box(raw, bounds)?,
         (Normalise::Auto, ObjectBounds::Bound(bound)) if views.iter().all(|view| view.mask.is_none()) => {
             Place::cube(bound, RegionEvidence::Sphere)
         }
@@ -105,6 +108,23 @@ fn place_of_object(raw: &RawScene, views: &[View], asked: &[bool], normalise: No
         },
         (Normalise::Hull, _) | (Normalise::Auto, ObjectBounds::Unknown) => by_masks(raw, views, asked, None)?,
     })
+}
+
+/// The object in a box of the world of the files.
+fn in_box(raw: &RawScene, bounds: Bounds) -> Result<Place> {
+    let size = bounds.size();
+    if !(bounds.min.is_finite() && size.is_finite() && size.min_element() > 0.0) {
+        let value = format!("{} to {}", bounds.min, bounds.max);
+        return Err(
+            OutOfRange::new("the box", value, "finite corners, the second beyond the first along each axis").into()
+        );
+    }
+    let object_to_world = Normalisation::of_bounds(bounds, Vec::new()).object_to_world;
+    let inverse = object_to_world.inverse();
+    let bounds = Bounds { min: inverse.transform_point(bounds.min), max: inverse.transform_point(bounds.max) };
+    let region = Region { bounds, hull: None, evidence: vec![RegionEvidence::Box] };
+    let object_to_files = compose(&raw.files_to_world.inverse(), &object_to_world);
+    Ok(Place { object_to_files, region, warnings: Vec::new() })
 }
 
 /// `outer` after `inner`.

@@ -8,6 +8,7 @@ use crate::camera::Similarity;
 use crate::cancellation::Cancellation;
 use crate::error::{Error, Result};
 use crate::hold_out::HOLD_OUT_EVERY;
+use crate::hull::Bounds;
 use crate::view_split::ViewNames;
 
 /// A layout of posed photographs, by its name: [`Format::all`] tells which there are.
@@ -85,6 +86,9 @@ pub enum Normalise {
     Hull,
     /// The caller: this similarity takes the unit cube to the world of the files.
     Given(Similarity),
+    /// The caller: this box, in the world of the files, holds the object. It lies in the unit cube as the box of a visual
+    /// hull would, with the axes of the world.
+    Box(Bounds),
 }
 
 /// How a scene is to be read; the default reads everything, at full size.

@@ -5,7 +5,7 @@ use glam::DVec3;
 use crate::ray::UnitCube;
 
 /// An axis-aligned box.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Bounds {
     /// Smallest coordinates.
     pub min: DVec3,

@@ -31,7 +31,7 @@ pub struct Normalisation {
 
 impl Normalisation {
     /// The object fills this box but for a margin: its longest edge becomes 0.9.
-    pub(super) fn of_bounds(bounds: Bounds, warnings: Vec<String>) -> Self {
+    pub(crate) fn of_bounds(bounds: Bounds, warnings: Vec<String>) -> Self {
         let scale = bounds.size().max_element() / OBJECT_EDGE;
         let object_to_world = Similarity { scale, rotation: DQuat::IDENTITY, translation: bounds.center() };
         Self { object_to_world, bounds, warnings }

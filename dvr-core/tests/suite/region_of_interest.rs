@@ -2,10 +2,11 @@
 
 use std::path::Path;
 
-use dvr_core::dataset::{ReadOptions, read_scene};
+use dvr_core::dataset::{Normalise, ReadOptions, read_scene};
+use dvr_core::hull::Bounds;
 use dvr_core::mesh::{Mesh, write_mesh};
 use dvr_core::{Camera, RegionEvidence, Scene};
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 use image::{GrayImage, Luma, Rgb, RgbImage};
 
 const SIZE: u32 = 64;
@@ -92,6 +93,36 @@ fn cameras_bound_what_the_frame_cuts_in_all_views_and_points_do_better() {
     let size = by_points.region.bounds.size() * by_points.object_to_world.scale;
     assert!(size.max_element() < 0.8 && size.min_element() > 0.5, "{size}");
     assert!(by_points.region.to_string().ends_with("sparse points within the masks"), "{}", by_points.region);
+}
+
+#[test]
+fn a_box_that_is_given_is_the_region_whatever_masks_show() {
+    let folder = tempfile::tempdir().unwrap();
+    let found = read(folder.path(), |ray| ball(ray, 0.3), &[]);
+    let bounds = Bounds { min: DVec3::new(-0.1, -0.2, 0.05), max: DVec3::new(0.3, 0.25, 0.2) };
+    let given = |bounds| {
+        read_scene(folder.path(), &ReadOptions { normalise: Normalise::Box(bounds), ..ReadOptions::default() })
+    };
+    let scene = given(bounds).unwrap();
+    assert_eq!(scene.region.evidence, [RegionEvidence::Box]);
+    assert_eq!(scene.region.to_string(), "the box that was given");
+    assert_eq!((scene.object_to_world.rotation, scene.object_to_world.translation), (DQuat::IDENTITY, bounds.center()));
+    let corners = [scene.region.bounds.min, scene.region.bounds.max];
+    for (corner, expected) in corners.iter().zip([bounds.min, bounds.max]) {
+        assert!(scene.object_to_world.transform_point(*corner).abs_diff_eq(expected, 1e-12), "{corner}");
+    }
+    assert!((scene.region.bounds.size().max_element() - 0.9).abs() < 1e-12, "the margin of a hull");
+    // The same camera, in the units of the files.
+    let in_files = |scene: &Scene| scene.object_to_world.transform_point(scene.views[0].camera.center());
+    assert!(in_files(&scene).abs_diff_eq(in_files(&found), 1e-9));
+    // What was read is read again by its similarity, as runs do.
+    let again = Normalise::Given(scene.object_to_world);
+    let again = read_scene(folder.path(), &ReadOptions { normalise: again, ..ReadOptions::default() }).unwrap();
+    assert_eq!(again.object_to_world, scene.object_to_world);
+    for wrong in [DVec3::new(0.3, 0.25, 0.05), DVec3::new(0.3, f64::NAN, 0.2), DVec3::new(0.3, f64::INFINITY, 0.2)] {
+        let error = given(Bounds { max: wrong, ..bounds }).unwrap_err().to_string();
+        assert!(error.contains("the box"), "{error}");
+    }
 }
 
 #[test]
