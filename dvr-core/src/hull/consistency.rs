@@ -1,5 +1,6 @@
 //! Masks that no shape can explain.
 
+use glam::DVec3;
 use rayon::prelude::*;
 
 use super::settings::HullSettings;
@@ -19,13 +20,13 @@ use crate::raster::Mask;
 /// # Errors
 /// When a mask has another size than its camera's image.
 pub fn silhouette_consistency(views: &[(&Camera, &Mask)], hull: &VisualHull) -> Result<Vec<f64>> {
-    Ok(unexplained(&Silhouette::all(views)?, hull))
+    Ok(unexplained(&Silhouette::all(views)?, hull, hull.voxel_size()))
 }
 
-/// [`silhouette_consistency`] of views that are prepared already.
-pub(super) fn unexplained(silhouettes: &[Silhouette], hull: &VisualHull) -> Vec<f64> {
+/// [`silhouette_consistency`] of views that are prepared already, to about the width that is given.
+pub(super) fn unexplained(silhouettes: &[Silhouette], hull: &VisualHull, width: DVec3) -> Vec<f64> {
     let centers = hull.surface_centers();
-    let half = 0.5 * hull.voxel_size();
+    let half = 0.5 * width;
     silhouettes
         .par_iter()
         .map(|silhouette| {

@@ -1,5 +1,7 @@
 //! The search for the hull: coarse carving, growing and shrinking, and which of the hulls found is believed.
 
+use glam::DVec3;
+
 use super::bounds::Bounds;
 use super::consistency::{rejected, unexplained};
 use super::settings::HullSettings;
@@ -21,6 +23,9 @@ const TOLERATED_UNEXPLAINED: f64 = 0.05;
 
 /// How much more of the masks, on average, may stay unexplained for the sake of a hull that more views see.
 const PRICE_OF_VISIBILITY: f64 = 0.002;
+
+/// A hull is looked at no coarser than this many of its voxels.
+const MOST_BLUR: f64 = 2.5;
 
 /// A place that fewer of all views than one in so many see is no part of the region.
 const SEEN_BY_ONE_IN: usize = 10;
@@ -78,8 +83,21 @@ fn best_visibility(silhouettes: &[Silhouette], region: Bounds, max_disagreeing: 
     if found.iter().any(|found| !found.open) {
         found.retain(|found| !found.open);
     }
-    let least = found.iter().map(mean).fold(f64::INFINITY, f64::min);
-    Ok(found.into_iter().find(|found| mean(found) <= least + PRICE_OF_VISIBILITY))
+    let missed = missed_alike(silhouettes, &found);
+    let least = missed.iter().copied().fold(f64::INFINITY, f64::min);
+    Ok(found.into_iter().zip(missed).find(|(_, missed)| *missed <= least + PRICE_OF_VISIBILITY).map(|(found, _)| found))
+}
+
+/// What each hull leaves unexplained of the masks, on average over the views, looked at as coarsely for all of them: a
+/// hull with spurs has large voxels, which hide that masks or cameras are off by a few pixels.
+fn missed_alike(silhouettes: &[Silhouette], found: &[Found]) -> Vec<f64> {
+    let edge = |found: &Found| found.hull.voxel_size().max_element();
+    let widest = found.iter().map(edge).fold(0.0, f64::max);
+    let missed = |found: &Found| {
+        let width = DVec3::splat(widest.min(MOST_BLUR * edge(found)));
+        unexplained(silhouettes, &found.hull, width).iter().sum::<f64>() / silhouettes.len() as f64
+    };
+    found.iter().map(missed).collect()
 }
 
 /// Carves coarsely, growing and shrinking the region to the hull; `None` where nothing is left.
@@ -103,7 +121,7 @@ fn locate(silhouettes: &[Silhouette], start: Bounds, settings: HullSettings) -> 
             break;
         }
     }
-    let unexplained = unexplained(silhouettes, &hull);
+    let unexplained = unexplained(silhouettes, &hull, hull.voxel_size());
     Ok((!hull.is_empty()).then_some(Found { hull, settings, open, unexplained }))
 }
 
@@ -175,5 +193,59 @@ impl Found {
 /// hull that it sees as background, whichever is more.
 fn disagreements(silhouettes: &[Silhouette], hull: &VisualHull, settings: &HullSettings) -> Vec<f64> {
     let rejected = rejected(silhouettes, hull, settings);
-    unexplained(silhouettes, hull).into_iter().zip(rejected).map(|(a, b)| a.max(b)).collect()
+    unexplained(silhouettes, hull, hull.voxel_size()).into_iter().zip(rejected).map(|(a, b)| a.max(b)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec2;
+    use image::{GrayImage, Luma};
+
+    use super::*;
+    use crate::camera::Camera;
+    use crate::raster::Mask;
+
+    /// Views of a thin plate, whose masks are a pixel off to one side or the other.
+    fn plate() -> Vec<(Camera, Mask)> {
+        let half = DVec3::new(0.5, 0.3, 0.01);
+        let view = |i: usize| {
+            let height = 1.0 - (2.0 * i as f64 + 1.0) / 24.0;
+            let (sin, cos) = (2.4 * i as f64).sin_cos();
+            let radius = (1.0 - height * height).sqrt();
+            let eye = 2.0 * DVec3::new(cos * radius, height, sin * radius);
+            let camera = Camera::look_at(120, 120, 180.0, eye, DVec3::ZERO, DVec3::new(0.1, 1.0, 0.0));
+            let coverage = GrayImage::from_fn(120, 120, |u, v| {
+                let aside = if i % 2 == 0 { 1.5 } else { -0.5 };
+                let ray = camera.ray(DVec2::new(f64::from(u) + aside, f64::from(v) + 0.5));
+                let (a, b) = ((-half - ray.origin) / ray.direction, (half - ray.origin) / ray.direction);
+                Luma([if a.min(b).max_element() <= a.max(b).min_element() { 255 } else { 0 }])
+            });
+            (camera, Mask::from(coverage))
+        };
+        (0..24).map(view).collect()
+    }
+
+    #[test]
+    fn a_hull_in_a_tight_box_counts_as_the_same_hull_in_a_wide_one() {
+        let views = plate();
+        let views: Vec<(&Camera, &Mask)> = views.iter().map(|(camera, mask)| (camera, mask)).collect();
+        let silhouettes = Silhouette::all(&views).unwrap();
+        let found = |reach: DVec3| {
+            let settings = HullSettings::default();
+            let bounds = Bounds { min: -reach, max: reach };
+            let hull = VisualHull::carve_silhouettes(&silhouettes, bounds, SEARCH_RESOLUTION, &settings).unwrap();
+            let unexplained = unexplained(&silhouettes, &hull, hull.voxel_size());
+            Found { hull, settings, open: false, unexplained }
+        };
+        let both = [found(DVec3::new(0.55, 0.35, 0.07)), found(DVec3::new(0.55, 0.35, 0.4))];
+        let mean = |found: &Found| found.unexplained.iter().sum::<f64>() / views.len() as f64;
+        let [tight, wide] = both.each_ref().map(mean);
+        assert!(tight > wide + PRICE_OF_VISIBILITY, "by their own voxels {tight} and {wide}");
+        let missed = missed_alike(&silhouettes, &both);
+        assert!(missed[0] <= missed[1] + PRICE_OF_VISIBILITY, "alike {missed:?}");
+        // What is not there is missed all the same.
+        let half = found(DVec3::new(0.25, 0.35, 0.07));
+        let missed = missed_alike(&silhouettes, &[half, found(DVec3::new(0.55, 0.35, 0.4))]);
+        assert!(missed[0] > 0.2, "half of the plate {missed:?}");
+    }
 }

@@ -40,7 +40,7 @@ pub fn wrong_masks(views: &[(&Camera, &Mask)], bounds: Bounds) -> Result<Vec<usi
     let silhouettes = Silhouette::all(views)?;
     let settings = HullSettings { max_disagreeing: minority, ..HullSettings::default() };
     let core = VisualHull::carve_silhouettes(&silhouettes, bounds, RESOLUTION, &settings)?;
-    let wrong: Vec<usize> = (unexplained(&silhouettes, &core).into_iter())
+    let wrong: Vec<usize> = (unexplained(&silhouettes, &core, core.voxel_size()).into_iter())
         .zip(rejected(&silhouettes, &core, &settings))
         .enumerate()
         .filter(|(_, (unexplained, rejected))| *unexplained > WRONG || *rejected > BLIND)
