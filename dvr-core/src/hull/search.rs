@@ -215,7 +215,7 @@ mod tests {
             let eye = 2.0 * DVec3::new(cos * radius, height, sin * radius);
             let camera = Camera::look_at(120, 120, 180.0, eye, DVec3::ZERO, DVec3::new(0.1, 1.0, 0.0));
             let coverage = GrayImage::from_fn(120, 120, |u, v| {
-                let aside = if i % 2 == 0 { 1.5 } else { -0.5 };
+                let aside = if i.is_multiple_of(2) { 1.5 } else { -0.5 };
                 let ray = camera.ray(DVec2::new(f64::from(u) + aside, f64::from(v) + 0.5));
                 let (a, b) = ((-half - ray.origin) / ray.direction, (half - ray.origin) / ray.direction);
                 Luma([if a.min(b).max_element() <= a.max(b).min_element() { 255 } else { 0 }])
