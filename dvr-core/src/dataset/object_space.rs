@@ -120,9 +120,8 @@ fn in_box(raw: &RawScene, bounds: Bounds) -> Result<Place> {
         );
     }
     let object_to_world = Normalisation::of_bounds(bounds, Vec::new()).object_to_world;
-    let inverse = object_to_world.inverse();
-    let bounds = Bounds { min: inverse.transform_point(bounds.min), max: inverse.transform_point(bounds.max) };
-    let region = Region { bounds, hull: None, evidence: vec![RegionEvidence::Box] };
+    let region =
+        Region { bounds: bounds.moved(&object_to_world.inverse()), hull: None, evidence: vec![RegionEvidence::Box] };
     let object_to_files = compose(&raw.files_to_world.inverse(), &object_to_world);
     Ok(Place { object_to_files, region, warnings: Vec::new() })
 }

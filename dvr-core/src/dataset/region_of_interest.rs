@@ -85,9 +85,7 @@ pub(super) fn by_masks(raw: &RawScene, views: &[View], asked: &[bool], bound: Op
         }
     }
     let inverse = found.object_to_world.inverse();
-    let in_object_space =
-        |b: Bounds| Bounds { min: inverse.transform_point(b.min), max: inverse.transform_point(b.max) };
-    let region = Region { bounds: in_object_space(found.bounds), hull: Some(in_object_space(hull)), evidence };
+    let region = Region { bounds: found.bounds.moved(&inverse), hull: Some(hull.moved(&inverse)), evidence };
     Ok(Place { object_to_files: found.object_to_world, region, warnings: found.warnings })
 }
 

@@ -2,6 +2,7 @@
 
 use glam::DVec3;
 
+use crate::camera::Similarity;
 use crate::ray::UnitCube;
 
 /// An axis-aligned box.
@@ -31,6 +32,11 @@ impl Bounds {
     pub fn intersection(&self, other: &Self) -> Option<Self> {
         let both = Self { min: self.min.max(other.min), max: self.max.min(other.max) };
         both.min.cmplt(both.max).all().then_some(both)
+    }
+
+    /// The box where a similarity that does not turn takes it.
+    pub(crate) fn moved(&self, similarity: &Similarity) -> Self {
+        Self { min: similarity.transform_point(self.min), max: similarity.transform_point(self.max) }
     }
 
     /// Edge lengths.
