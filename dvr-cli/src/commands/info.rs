@@ -18,6 +18,9 @@ const HULL_RESOLUTION: usize = 96;
 /// Share of a mask that the hull may leave unexplained without a warning.
 const UNEXPLAINED_WARNING: f64 = 0.02;
 
+/// How many views of a warning are named.
+const NAMED: usize = 3;
+
 /// Share of the hull that may lie beyond the region of interest without a warning.
 const BEYOND_WARNING: f64 = 0.05;
 
@@ -106,16 +109,8 @@ fn look(scene: &Scene, rule: String) -> Result<Info> {
             100.0 * beyond
         ));
     }
-    for (view, &share) in scene.views.iter().zip(&unexplained) {
-        if let Some(share) = share.filter(|&share| share > UNEXPLAINED_WARNING) {
-            warnings.push(format!(
-                "view {:?}: no visual hull explains {:.1} % of its mask; check its mask and camera, or leave it out with --ignore {}",
-                view.name,
-                100.0 * share,
-                view.name
-            ));
-        }
-    }
+    let shares = scene.views.iter().zip(&unexplained).filter_map(|(view, share)| Some((view.name.as_str(), (*share)?)));
+    warnings.extend(unexplained_warning(shares.filter(|(_, share)| *share > UNEXPLAINED_WARNING).collect()));
     let orbit = Orbit::of(scene);
     let views = scene.views.iter().zip(&orbit.sides).zip(&unexplained).map(|((view, &side), &unexplained_share)| {
         let (width, height) = view.image.dimensions();
@@ -154,6 +149,21 @@ fn look(scene: &Scene, rule: String) -> Result<Info> {
         warnings,
         advice: Vec::new(),
     })
+}
+
+/// What to say of views whose masks no visual hull explains, each with the share that it leaves: the worst by name.
+fn unexplained_warning(mut views: Vec<(&str, f64)>) -> Option<String> {
+    views.sort_by(|(_, a), (_, b)| b.total_cmp(a));
+    let (worst, _) = views.first()?;
+    let named: Vec<String> =
+        views.iter().take(NAMED).map(|(name, share)| format!("{name:?} ({:.1} %)", 100.0 * share)).collect();
+    let more = views.len() - named.len();
+    let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+    Some(format!(
+        "no visual hull explains a part of the mask of {}{more}; check mask and camera of these views, or leave them out, as with \
+         --ignore {worst}",
+        named.join(", ")
+    ))
 }
 
 /// What the masks' outlines say against each other.
@@ -266,4 +276,18 @@ fn print(info: &Info) {
 fn box_text([low, high]: [[f64; 3]; 2]) -> String {
     let corner = |[x, y, z]: [f64; 3]| format!("({x:.5}, {y:.5}, {z:.5})");
     format!("{} to {}", corner(low), corner(high))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn of_views_that_no_hull_explains_the_worst_are_named() {
+        assert_eq!(unexplained_warning(Vec::new()), None);
+        let said = unexplained_warning(vec![("a", 0.031)]).unwrap();
+        assert!(said.contains("of \"a\" (3.1 %); check") && said.contains("--ignore a"), "{said}");
+        let said = unexplained_warning(vec![("a", 0.03), ("b", 0.5), ("c", 0.2), ("d", 0.1), ("e", 0.04)]).unwrap();
+        assert!(said.contains("\"b\" (50.0 %), \"c\" (20.0 %), \"d\" (10.0 %) and 2 more;"), "{said}");
+    }
 }
