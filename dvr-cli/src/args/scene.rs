@@ -13,7 +13,7 @@ use super::values::{parse_box, parse_memory, within};
 #[derive(Args, Clone, Debug, Default)]
 #[command(next_help_heading = "Reading the scene")]
 pub struct SceneArgs {
-    /// Layout of the files: dvr, transforms (NeRF, nerfstudio), idr (IDR, NeuS), middlebury or colmap [default:
+    /// Layout of the files: dvr, transforms (NeRF, nerfstudio), idr (IDR, NeuS), llff, middlebury or colmap [default:
     /// detected]
     #[arg(long)]
     pub format: Option<Format>,

@@ -8,6 +8,7 @@ mod npy;
 
 pub use archive::{NpzFile, write_npz};
 pub use array::{Array, Values};
+pub use npy::read_npy;
 
 #[cfg(test)]
 mod tests;

@@ -1,17 +1,38 @@
 //! A `.npy` file: an array with its header.
 
 use std::io::{Read, Write};
+use std::path::Path;
 
 use npyz::{Deserialize, NpyFile, Order, WriterBuilder};
 
 use super::array::{Array, Values};
-use crate::files::limits::NPY_HEADER_BYTES;
+use crate::error::Error;
+use crate::files::limits::{ARRAY_BYTES, NPY_HEADER_BYTES};
+use crate::files::{check_limit, read_bytes};
 
 /// Bytes before the header from version 2.0 on: magic, version and the header's length. Version 1.0 has two less.
 const PREFIX: usize = 12;
 
 /// Brackets in brackets of a header. An array of numbers has two; npyz takes time by the power of their number.
 const MOST_NESTED: usize = 4;
+
+/// Reads a file of one array.
+///
+/// # Errors
+/// [`Error::Io`] where the file cannot be opened, [`Error::Format`] where it is damaged or ends early, or its dtype is not a
+/// number; [`Error::TooLarge`] where the array has more than [`ARRAY_BYTES`].
+pub fn read_npy(path: &Path) -> crate::Result<Array> {
+    let bytes = read_bytes(path)?;
+    let wrong = |what: String| {
+        let remedy = "The file may be truncated: copy it again, or write it anew with numpy.save.";
+        Error::format(path, format!("its array cannot be read ({what})"), remedy)
+    };
+    let mut reader = bytes.as_slice();
+    let head = NpyHead::read(&mut reader).map_err(wrong)?;
+    check_limit(path, "the size of its array in bytes", head.bytes_in_memory(), ARRAY_BYTES)?;
+    let most = reader.len() as u64;
+    head.read_values(&mut reader, most).map_err(wrong)
+}
 
 /// What a `.npy` file says of its array.
 pub(super) struct NpyHead {

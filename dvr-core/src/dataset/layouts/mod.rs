@@ -7,6 +7,7 @@ mod colmap;
 pub(crate) mod dvr;
 mod idr;
 mod layout;
+mod llff;
 mod middlebury;
 mod transforms;
 
@@ -24,7 +25,8 @@ pub(super) use colmap::read_verified_points as read_colmap_points;
 pub use colmap::{ColmapModel, PosedPicture, read_colmap_model};
 
 /// Every layout, in the order in which they are looked for.
-const LAYOUTS: &[&Layout] = &[&transforms::LAYOUT, &middlebury::LAYOUT, &colmap::LAYOUT, &idr::LAYOUT, &dvr::LAYOUT];
+const LAYOUTS: &[&Layout] =
+    &[&transforms::LAYOUT, &middlebury::LAYOUT, &colmap::LAYOUT, &llff::LAYOUT, &idr::LAYOUT, &dvr::LAYOUT];
 
 impl Format {
     /// The DVR datasets: `image/`, `mask/`, `depth/` and `cameras.npz` with `camera_mat_i`, `world_mat_i`,

@@ -46,7 +46,8 @@ fn change_camera(root: &Path, name: &str, change: impl Fn(DMat4) -> Option<DMat4
 fn nothing_there() {
     refused(Path::new("/no/such/scene"), &["/no/such/scene", "No such file"]);
     let folder = tempfile::tempdir().unwrap();
-    let looked_for = ["cameras.npz", "transforms.json", "cameras_sphere.npz", "_par.txt", "sparse/0"];
+    let looked_for =
+        ["cameras.npz", "transforms.json", "cameras_sphere.npz", "_par.txt", "sparse/0", "poses_bounds.npy"];
     refused(folder.path(), &looked_for);
     std::fs::write(folder.path().join("notes.md"), "").unwrap();
     refused(&folder.path().join("notes.md"), &looked_for);

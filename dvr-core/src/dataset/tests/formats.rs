@@ -194,6 +194,57 @@ fn the_middlebury_layout_reads() {
 }
 
 #[test]
+fn the_llff_layout_reads() {
+    let (mut ball, folder) = (Ball::new(), tempfile::tempdir().unwrap());
+    for camera in &mut ball.cameras {
+        *camera = Camera::look_at(WIDTH, HEIGHT, 60.0, camera.center(), ball.center, DVec3::Y);
+    }
+    ball.write_images(&folder.path().join("images"), Some(&folder.path().join("masks")));
+    let row = |camera: &Camera| {
+        let [right, down, forward] = [0, 1, 2].map(|axis| camera.rotation.row(axis));
+        let columns = [down, right, -forward, camera.center(), DVec3::new(HEIGHT.into(), WIDTH.into(), 60.0)];
+        let matrix = (0..3).flat_map(|axis| columns.map(|column| column[axis]));
+        matrix.chain([80.0, 200.0]).collect::<Vec<f64>>()
+    };
+    let path = folder.path().join("poses_bounds.npy");
+    let write = |rows: &[Vec<f64>]| write_npy_file(&path, &[rows.len(), rows[0].len()], &rows.concat());
+    let mut rows: Vec<Vec<f64>> = ball.cameras.iter().map(row).collect();
+    write(&rows);
+    for path in [folder.path(), &path] {
+        let scene = read(path);
+        assert_eq!(scene.format, "LLFF");
+        ball.assert_same_cameras(&scene);
+        ball.assert_in_cube(&scene);
+    }
+    let said = |rows: &[Vec<f64>]| {
+        write(rows);
+        read_scene(folder.path(), &ReadOptions::default()).unwrap_err().to_string()
+    };
+    assert!(said(&rows[1..]).contains("8 cameras, and 9 pictures"));
+    assert!(said(&rows.iter().map(|row| row[..15].to_vec()).collect::<Vec<_>>()).contains("[9, 15]"));
+    rows[4][0] = 9.0;
+    assert!(said(&rows).contains("the camera of `0004` has no rotation"));
+    rows[4] = rows[3].clone();
+    rows[4][14] = f64::NAN;
+    assert!(said(&rows).contains("focal length of NaN"));
+    std::fs::write(&path, "poses").unwrap();
+    assert!(read_scene(folder.path(), &ReadOptions::default()).unwrap_err().to_string().contains("cannot be read"));
+}
+
+/// As numpy.save writes doubles.
+fn write_npy_file(path: &Path, shape: &[usize], values: &[f64]) {
+    let shape = shape.iter().map(|n| format!("{n},")).collect::<String>();
+    let mut header = format!("{{'descr': '<f8', 'fortran_order': False, 'shape': ({shape}), }}");
+    header += &" ".repeat(63 - (10 + header.len()) % 64);
+    header.push('\n');
+    let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+    bytes.extend((header.len() as u16).to_le_bytes());
+    bytes.extend(header.as_bytes());
+    bytes.extend(values.iter().flat_map(|value| value.to_le_bytes()));
+    std::fs::write(path, bytes).unwrap();
+}
+
+#[test]
 fn nerfstudio_transforms_read() {
     let (ball, folder) = (Ball::new(), tempfile::tempdir().unwrap());
     ball.write_transforms(folder.path());

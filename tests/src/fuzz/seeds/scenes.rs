@@ -7,7 +7,7 @@ use dvr_core::dataset::write_transforms;
 use dvr_core::npz::{Array, Values};
 use glam::{DMat3, DMat4, DQuat, DVec3};
 
-use super::arrays::npz_of;
+use super::arrays::{npy_of, npz_of};
 use super::pictures::picture;
 use super::written;
 use crate::fuzz::parts;
@@ -129,6 +129,18 @@ pub(in crate::fuzz) fn middlebury() -> Vec<Vec<u8>> {
         text += &format!("{name}.png {} {} {translation}\n", rows(&camera.intrinsics), rows(&camera.rotation));
     }
     vec![text.into_bytes()]
+}
+
+pub(in crate::fuzz) fn llff() -> Vec<Vec<u8>> {
+    let row = |camera: &Camera| {
+        let [right, down, forward] = [0, 1, 2].map(|axis| camera.rotation.row(axis));
+        let size = DVec3::new(f64::from(SIZE.1), f64::from(SIZE.0), 12.0);
+        let columns = [down, right, -forward, camera.center(), size];
+        let matrix = (0..3).flat_map(move |axis| columns.map(|column| column[axis]));
+        matrix.chain([1.0, 4.0]).collect::<Vec<f64>>()
+    };
+    let numbers: Vec<u8> = cameras().iter().flat_map(row).flat_map(f64::to_le_bytes).collect();
+    vec![npy_of("<f8", false, "(3, 17)", &numbers)]
 }
 
 /// In the layout of DVR, and in that of IDR.
