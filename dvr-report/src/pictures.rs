@@ -1,15 +1,13 @@
 //! Test views as a page shows them: the photograph, the render of the mesh, depth, normals, and their difference.
 
-use std::io::Cursor;
-
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use dvr_core::View;
+use dvr_core::files::encoded_jpeg;
 use dvr_core::metrics::picture::{mask_iou, psnr, ssim};
 use dvr_core::{DepthMap, Mask};
 use dvr_render::Shader;
 use dvr_train::preview::{normal_picture, render_limited, to_rgb8, whitened};
-use image::codecs::jpeg::JpegEncoder;
 use image::codecs::webp::WebPEncoder;
 use image::imageops::{FilterType, resize};
 use image::{ExtendedColorType, GrayImage, Rgb, RgbImage, Rgba, RgbaImage};
@@ -93,9 +91,7 @@ pub fn view_pictures(shader: &dyn Shader, view: &View, max_width: u32) -> Result
 /// # Errors
 /// When it cannot be encoded.
 pub fn jpeg(picture: &RgbImage) -> Result<String> {
-    let mut bytes = Cursor::new(Vec::new());
-    JpegEncoder::new_with_quality(&mut bytes, QUALITY).encode_image(picture)?;
-    Ok(format!("data:image/jpeg;base64,{}", STANDARD.encode(bytes.into_inner())))
+    Ok(format!("data:image/jpeg;base64,{}", STANDARD.encode(encoded_jpeg(picture, QUALITY, None)?)))
 }
 
 /// A picture as a `data:` address, without loss, as WebP.

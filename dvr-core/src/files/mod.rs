@@ -24,11 +24,11 @@ pub use exr_file::{read_depth_exr, write_depth_exr, write_rgb_exr};
 pub(crate) use limits::shortened;
 pub use limits::{check_limit, read_bytes, read_text};
 pub use output_folder::{Claim, OutputFolder, holds};
+pub(crate) use picture::image_size;
 pub use picture::{
-    Photo, UprightPhoto, read_mask, read_photo, read_rgb, upright_photo, write_gray_png, write_jpeg, write_rgb_png,
-    write_rgba_png,
+    Photo, UprightPhoto, decoded_picture, encoded_jpeg, read_mask, read_photo, read_rgb, upright_photo, write_gray_png,
+    write_jpeg, write_rgb_png, write_rgba_png,
 };
-pub(crate) use picture::{decoded_picture, image_size};
 pub use places::{check_beside_data, check_file};
 pub use scratch::ScratchBytes;
 pub(crate) use scratch::ScratchFile;

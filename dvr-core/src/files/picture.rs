@@ -8,8 +8,8 @@ use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::PngEncoder;
 use image::metadata::Orientation;
 use image::{
-    DynamicImage, ExtendedColorType, GrayImage, ImageBuffer, ImageDecoder, ImageEncoder, ImageFormat, ImageReader,
-    Limits, Luma, Rgb, RgbImage, RgbaImage,
+    DynamicImage, ExtendedColorType, GrayImage, ImageBuffer, ImageDecoder, ImageEncoder, ImageError, ImageFormat,
+    ImageReader, ImageResult, Limits, Luma, Rgb, RgbImage, RgbaImage,
 };
 
 use super::limits::{JPEG_PIXELS_PER_BYTE, PICTURE_BYTES, PICTURE_PIXELS, check_limit};
@@ -137,15 +137,23 @@ pub fn write_rgb_png(path: &Path, image: &ImageBuffer<Rgb<u8>, impl Deref<Target
 /// # Errors
 /// [`Error::Io`] where the file cannot be written.
 pub fn write_jpeg(path: &Path, image: &RgbImage, quality: u8, exif: Option<&[u8]>) -> Result<()> {
-    let refused = |error| Error::io(path, std::io::Error::other(error));
+    let bytes = encoded_jpeg(image, quality, exif).map_err(|error| Error::io(path, std::io::Error::other(error)))?;
+    write_bytes_atomically(path, &bytes)
+}
+
+/// The bytes that [`write_jpeg`] writes.
+///
+/// # Errors
+/// When the picture has no pixels, or an edge is longer than 65 535 of them.
+pub fn encoded_jpeg(image: &RgbImage, quality: u8, exif: Option<&[u8]>) -> ImageResult<Vec<u8>> {
     let mut bytes = Vec::new();
     let mut encoder = JpegEncoder::new_with_quality(&mut bytes, quality);
     // A block that does not fit into its segment is left out: the picture is what matters.
     if let Some(exif) = exif.filter(|exif| exif.len() < 60_000) {
-        encoder.set_exif_metadata(exif.to_vec()).map_err(|error| Error::io(path, std::io::Error::other(error)))?;
+        encoder.set_exif_metadata(exif.to_vec()).map_err(ImageError::Unsupported)?;
     }
-    encoder.write_image(image, image.width(), image.height(), ExtendedColorType::Rgb8).map_err(refused)?;
-    write_bytes_atomically(path, &bytes)
+    encoder.write_image(image, image.width(), image.height(), ExtendedColorType::Rgb8)?;
+    Ok(bytes)
 }
 
 /// Writes an 8-bit RGBA PNG.
@@ -181,12 +189,12 @@ fn decode(path: &Path) -> Result<DynamicImage> {
     decoded_picture(path, &bytes)
 }
 
-/// The picture in the bytes of a file that `path` names, its size checked before it is decoded.
+/// The picture in bytes that `path` names in errors, its size checked before it is decoded.
 ///
 /// # Errors
 /// [`Error::Format`] where the bytes are damaged or no picture, [`Error::TooLarge`] above [`PICTURE_PIXELS`] or
 /// [`PICTURE_BYTES`].
-pub(crate) fn decoded_picture(path: &Path, bytes: &[u8]) -> Result<DynamicImage> {
+pub fn decoded_picture(path: &Path, bytes: &[u8]) -> Result<DynamicImage> {
     let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|e| damaged(path, e))?;
     let is_jpeg = reader.format() == Some(ImageFormat::Jpeg);
     let mut limits = Limits::no_limits();

@@ -1,29 +1,35 @@
 //! View-dependent colour as bytes: safetensors, with the cells of the grid among the metadata.
 
 use std::collections::HashMap;
+use std::path::Path;
 
 use dvr_core::UnitCube;
+use dvr_core::files::decoded_picture;
 use dvr_core::voxel::VoxelGrid;
 use glam::{Mat3, Vec3, Vec4};
 use half::f16;
+use rayon::prelude::*;
 use safetensors::tensor::{Dtype, TensorView};
 use safetensors::{SafeTensorError, SafeTensors, serialize};
 
 use super::ViewColor;
 use super::harmonics::TERMS;
-use super::residual_views::{ResidualView, ResidualViews};
+use super::lumigraph::{Lumigraph, Photograph, nodes};
 
 /// Names of the tensors: indices of nodes, x fastest, `[n]`; and the coefficients of each, by term and channel.
 const NODES: &str = "nodes";
 const COEFFICIENTS: &str = "coefficients";
 
-/// Names of the tensors of residual views: what takes points of object space to homogeneous pixels, row by row, `[v, 3, 4]`;
-/// width and height, `[v, 2]`; and z-depth and change of all pixels of all views, one after the other, `[p]` and `[p, 3]`.
-/// Files without them have none.
-const PROJECTIONS: &str = "residual_projections";
-const SIZES: &str = "residual_sizes";
-const DEPTHS: &str = "residual_depths";
-const CHANGES: &str = "residual_changes";
+/// Names of the tensors of photographs: what takes points of object space to homogeneous pixels, row by row, `[v, 3, 4]`;
+/// width, height, pixels from one node of depths to the next and bytes of the JPEG, `[v, 4]`; and z-depths at the nodes and JPEGs of all, one after the other, `[n]` and
+/// `[b]`. Files without them have none.
+const PROJECTIONS: &str = "photograph_projections";
+const SIZES: &str = "photograph_sizes";
+const DEPTHS: &str = "photograph_depths";
+const PICTURES: &str = "photographs";
+
+/// All that a file may hold.
+const TENSORS: [&str; 7] = [NODES, COEFFICIENTS, SURFACE, PROJECTIONS, SIZES, DEPTHS, PICTURES];
 
 /// Key of the cells along an edge of the grid, over the padded cube.
 const CELLS: &str = "cells";
@@ -34,6 +40,9 @@ const SURFACE: &str = "surface";
 
 /// Most cells along an edge that a file may claim to have.
 const MAX_CELLS: usize = 128;
+
+/// Most pixels that all photographs of a file may claim to have.
+const MAX_PIXELS: u64 = 64_000_000;
 
 /// Why bytes cannot be read, or written, as view-dependent colour.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -48,7 +57,7 @@ fn broken(problem: impl std::fmt::Display) -> ViewColorError {
 }
 
 impl ViewColor {
-    /// As bytes: indices of nodes in 32 bits, coefficients in 16, changes in 8. `surface` is what it was fitted to, in the
+    /// As bytes: indices of nodes in 32 bits, coefficients in 16, photographs as JPEGs. `surface` is what it was fitted to, in the
     /// caller's words.
     ///
     /// # Errors
@@ -58,14 +67,14 @@ impl ViewColor {
         let numbers = self.coefficients.as_flattened().iter().flat_map(|by_channel| by_channel.to_array());
         let numbers: Vec<u8> = numbers.flat_map(|number| f16::from_f32(number).to_le_bytes()).collect();
         let count = self.nodes.len();
-        let residuals = ResidualTensors::of(&self.residuals);
+        let photographs = PhotographTensors::of(&self.lumigraph);
         let mut tensors = vec![
             (NODES, TensorView::new(Dtype::U32, vec![count], &nodes).map_err(broken)?),
             (COEFFICIENTS, TensorView::new(Dtype::F16, vec![count, TERMS, 3], &numbers).map_err(broken)?),
             (SURFACE, TensorView::new(Dtype::U8, vec![surface.len()], surface.as_bytes()).map_err(broken)?),
         ];
-        if !self.residuals.0.is_empty() {
-            tensors.extend(residuals.tensors().map_err(broken)?);
+        if !self.lumigraph.is_empty() {
+            tensors.extend(photographs.tensors().map_err(broken)?);
         }
         let metadata = HashMap::from([(CELLS.to_owned(), self.grid.cells().to_string())]);
         serialize(tensors, Some(metadata)).map_err(broken)
@@ -94,6 +103,9 @@ impl ViewColor {
         }
         let grid = VoxelGrid::new(cells + 1, UnitCube::default().half_extent() as f32);
         let tensors = SafeTensors::deserialize(bytes).map_err(broken)?;
+        if let Some(other) = tensors.names().into_iter().find(|name| !TENSORS.contains(name)) {
+            return Err(broken(format!("it holds \"{other}\", which this version does not know")));
+        }
         let tensor = |name: &str, dtype: Dtype| {
             let tensor = tensors.tensor(name).map_err(broken)?;
             if tensor.dtype() != dtype {
@@ -115,7 +127,7 @@ impl ViewColor {
             return Err(broken("not all of its coefficients are numbers"));
         }
         let by_channel: Vec<Vec3> = numbers.as_chunks().0.iter().map(|&channels: &[f32; 3]| channels.into()).collect();
-        let residuals = if tensors.names().contains(&PROJECTIONS) {
+        let lumigraph = if tensors.names().contains(&PROJECTIONS) {
             // Any number of what has these parts.
             let bytes = |name, dtype, parts: &[usize]| {
                 let found = tensor(name, dtype)?;
@@ -124,101 +136,143 @@ impl ViewColor {
                     shape => Err(broken(format!("{name} has shape {shape:?}"))),
                 }
             };
-            ResidualTensors {
+            PhotographTensors {
                 projections: bytes(PROJECTIONS, Dtype::F32, &[3, 4])?,
-                sizes: bytes(SIZES, Dtype::U32, &[2])?,
+                sizes: bytes(SIZES, Dtype::U32, &[4])?,
                 depths: bytes(DEPTHS, Dtype::F16, &[])?,
-                changes: bytes(CHANGES, Dtype::I8, &[3])?,
+                pictures: bytes(PICTURES, Dtype::U8, &[])?,
             }
-            .views()?
+            .lumigraph()?
         } else {
-            ResidualViews::default()
+            Lumigraph::default()
         };
-        Ok(Self { residuals, ..Self::new(grid, nodes, by_channel.as_chunks().0.to_vec()) })
+        Ok(Self { lumigraph, ..Self::new(grid, nodes, by_channel.as_chunks().0.to_vec()) })
     }
 }
 
-/// Residual views as the bytes of their tensors.
-struct ResidualTensors {
+/// Photographs as the bytes of their tensors.
+struct PhotographTensors {
     projections: Vec<u8>,
     sizes: Vec<u8>,
     depths: Vec<u8>,
-    changes: Vec<u8>,
+    pictures: Vec<u8>,
 }
 
-impl ResidualTensors {
-    fn of(ResidualViews(views): &ResidualViews) -> Self {
-        let rows = |view: &ResidualView| {
-            let (columns, offset) = (view.projection.transpose(), view.offset);
+impl PhotographTensors {
+    fn of(Lumigraph(photographs): &Lumigraph) -> Self {
+        let rows = |photograph: &Photograph| {
+            let (columns, offset) = (photograph.projection.transpose(), photograph.offset);
             (0..3).flat_map(move |row| [columns.col(row).to_array().to_vec(), vec![offset[row]]].concat())
         };
+        let sizes = |photograph: &Photograph| {
+            let [width, height] = photograph.size();
+            [width, height, photograph.spacing, photograph.stored.len() as u32]
+        };
+        let depths = photographs.iter().flat_map(|photograph| &photograph.depths);
         Self {
-            projections: views.iter().flat_map(rows).flat_map(f32::to_le_bytes).collect(),
-            sizes: views.iter().flat_map(|view| [view.width, view.height]).flat_map(u32::to_le_bytes).collect(),
-            depths: views.iter().flat_map(|view| &view.depths).flat_map(|depth| depth.to_le_bytes()).collect(),
-            changes: views.iter().flat_map(|view| view.changes.as_flattened()).flat_map(|c| c.to_le_bytes()).collect(),
+            projections: photographs.iter().flat_map(rows).flat_map(f32::to_le_bytes).collect(),
+            sizes: photographs.iter().flat_map(sizes).flat_map(u32::to_le_bytes).collect(),
+            depths: depths.flat_map(|depth| depth.to_le_bytes()).collect(),
+            pictures: photographs.iter().flat_map(|photograph| &photograph.stored).copied().collect(),
         }
     }
 
     fn tensors(&self) -> Result<[(&'static str, TensorView<'_>); 4], SafeTensorError> {
-        let (views, pixels) = (self.sizes.len() / 8, self.depths.len() / 2);
+        let (count, nodes) = (self.sizes.len() / 16, self.depths.len() / 2);
         Ok([
-            (PROJECTIONS, TensorView::new(Dtype::F32, vec![views, 3, 4], &self.projections)?),
-            (SIZES, TensorView::new(Dtype::U32, vec![views, 2], &self.sizes)?),
-            (DEPTHS, TensorView::new(Dtype::F16, vec![pixels], &self.depths)?),
-            (CHANGES, TensorView::new(Dtype::I8, vec![pixels, 3], &self.changes)?),
+            (PROJECTIONS, TensorView::new(Dtype::F32, vec![count, 3, 4], &self.projections)?),
+            (SIZES, TensorView::new(Dtype::U32, vec![count, 4], &self.sizes)?),
+            (DEPTHS, TensorView::new(Dtype::F16, vec![nodes], &self.depths)?),
+            (PICTURES, TensorView::new(Dtype::U8, vec![self.pictures.len()], &self.pictures)?),
         ])
     }
 
-    fn views(&self) -> Result<ResidualViews, ViewColorError> {
+    fn lumigraph(&self) -> Result<Lumigraph, ViewColorError> {
         let numbers: Vec<f32> = self.projections.as_chunks().0.iter().map(|&bytes| f32::from_le_bytes(bytes)).collect();
         let sizes: Vec<u32> = self.sizes.as_chunks().0.iter().map(|&bytes| u32::from_le_bytes(bytes)).collect();
         let depths: Vec<f16> = self.depths.as_chunks().0.iter().map(|&bytes| f16::from_le_bytes(bytes)).collect();
-        let changes: Vec<[i8; 3]> =
-            self.changes.as_chunks().0.iter().map(|c: &[u8; 3]| c.map(u8::cast_signed)).collect();
-        let (projections, sizes) = (numbers.as_chunks::<12>().0, sizes.as_chunks::<2>().0);
+        let (projections, sizes) = (numbers.as_chunks::<12>().0, sizes.as_chunks::<4>().0);
         if projections.len() != sizes.len() {
-            return Err(broken(format!("{} cameras of residual views and {} sizes", projections.len(), sizes.len())));
+            return Err(broken(format!("{} cameras of photographs and {} sizes", projections.len(), sizes.len())));
         }
-        let (mut depths, mut changes) = (&depths[..], &changes[..]);
-        let mut views = Vec::with_capacity(sizes.len());
-        for (numbers, &[width, height]) in projections.iter().zip(sizes) {
-            let pixels = usize::try_from(u64::from(width) * u64::from(height)).map_err(broken)?;
-            let parts = depths.split_at_checked(pixels).zip(changes.split_at_checked(pixels));
-            let ((own_depths, depths_left), (own_changes, changes_left)) =
-                parts.ok_or_else(|| broken(format!("no numbers for {width} x {height} pixels of a residual view")))?;
-            (depths, changes) = (depths_left, changes_left);
-            let rows: [Vec4; 3] = std::array::from_fn(|row| Vec4::from_slice(&numbers[4 * row..4 * row + 4]));
-            let projection = Mat3::from_cols_array_2d(&rows.map(|row| row.truncate().to_array())).transpose();
-            let offset = Vec3::from(rows.map(|row| row.w));
-            let view =
-                ResidualView::new([width, height], projection, offset, own_depths.to_vec(), own_changes.to_vec());
-            views.push(view.ok_or_else(|| broken("a residual view has no camera, no pixels or wrong depths"))?);
+        let pixels = |&[width, height, ..]: &[u32; 4]| u64::from(width) * u64::from(height);
+        let claimed = sizes.iter().map(pixels).fold(0, u64::saturating_add);
+        if claimed > MAX_PIXELS {
+            return Err(broken(format!("its photographs have {claimed} pixels, expected at most {MAX_PIXELS}")));
         }
-        if !depths.is_empty() || !changes.is_empty() {
-            return Err(broken("residual views have more numbers than pixels"));
+        let (mut depths, mut pictures) = (&depths[..], &self.pictures[..]);
+        let mut parts = Vec::with_capacity(sizes.len());
+        for (numbers, &[width, height, spacing, bytes]) in projections.iter().zip(sizes) {
+            if spacing == 0 {
+                return Err(broken("its depths have no pixels between them"));
+            }
+            let [columns, rows] = nodes([width, height], spacing);
+            let split = depths.split_at_checked(columns as usize * rows as usize);
+            let ((own_depths, depths_left), (own_picture, pictures_left)) = split
+                .zip(pictures.split_at_checked(bytes as usize))
+                .ok_or_else(|| broken(format!("no numbers for {width} x {height} pixels of a photograph")))?;
+            (depths, pictures) = (depths_left, pictures_left);
+            let size = (width, height);
+            parts.push(StoredPhotograph {
+                projection: numbers,
+                size,
+                spacing,
+                depths: own_depths,
+                picture: own_picture,
+            });
         }
-        Ok(ResidualViews(views))
+        if !depths.is_empty() || !pictures.is_empty() {
+            return Err(broken("it has more numbers than its photographs need"));
+        }
+        Ok(Lumigraph(parts.into_par_iter().map(StoredPhotograph::photograph).collect::<Result<_, _>>()?))
+    }
+}
+
+/// What a file holds of a photograph.
+struct StoredPhotograph<'a> {
+    projection: &'a [f32; 12],
+    size: (u32, u32),
+    spacing: u32,
+    depths: &'a [f16],
+    picture: &'a [u8],
+}
+
+impl StoredPhotograph<'_> {
+    fn photograph(self) -> Result<Photograph, ViewColorError> {
+        let decoded = decoded_picture(Path::new("a photograph"), self.picture).map_err(broken)?.into_rgb8();
+        if decoded.dimensions() != self.size {
+            return Err(broken("a photograph has another size than its file says"));
+        }
+        let rows: [Vec4; 3] = std::array::from_fn(|row| Vec4::from_slice(&self.projection[4 * row..4 * row + 4]));
+        let projection = Mat3::from_cols_array_2d(&rows.map(|row| row.truncate().to_array())).transpose();
+        let (offset, depths) = (Vec3::from(rows.map(|row| row.w)), self.depths.to_vec());
+        let photograph = Photograph::new((projection, offset), (self.spacing, depths), self.picture.to_vec(), decoded);
+        photograph.ok_or_else(|| broken("a photograph has no camera, or wrong depths"))
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use dvr_core::files::encoded_jpeg;
+    use image::{Rgb, RgbImage};
+
     use super::*;
 
     fn stored() -> ViewColor {
         let grid = VoxelGrid::new(5, UnitCube::default().half_extent() as f32);
         let coefficients = |node: u32| std::array::from_fn(|term| Vec3::new(node as f32, term as f32, 0.5) / 128.0);
-        let nodes = vec![3, 17, 124];
-        let harmonics = ViewColor::new(grid, nodes.clone(), nodes.into_iter().map(coefficients).collect());
-        let view = |size: [u32; 2], focal: f32| {
-            let pixels = 0..size[0] * size[1];
-            let depths = pixels.clone().map(|pixel| f16::from_f32(1.0 + pixel as f32 / 64.0)).collect();
-            let changes = pixels.map(|pixel| [pixel as i8, -3, 127]).collect();
+        let at = vec![3, 17, 124];
+        let harmonics = ViewColor::new(grid, at.clone(), at.into_iter().map(coefficients).collect());
+        let photograph = |size: [u32; 2], focal: f32| {
+            let pixels = RgbImage::from_fn(size[0], size[1], |u, v| Rgb([40 * u as u8, 60 * v as u8, 200]));
+            let jpeg = encoded_jpeg(&pixels, 90, None).unwrap();
+            let pixels = decoded_picture(Path::new(""), &jpeg).unwrap().into_rgb8();
+            let [columns, rows] = nodes(size, 2);
+            let depths = (0..columns * rows).map(|node| f16::from_f32(1.0 + node as f32 / 64.0)).collect();
             let projection = Mat3::from_diagonal(Vec3::new(focal, focal, 1.0));
-            ResidualView::new(size, projection, Vec3::new(0.5, 1.5, 2.0), depths, changes).unwrap()
+            Photograph::new((projection, Vec3::new(0.5, 1.5, 2.0)), (2, depths), jpeg, pixels).unwrap()
         };
-        ViewColor { residuals: ResidualViews(vec![view([3, 2], 5.0), view([1, 4], 7.0)]), ..harmonics }
+        ViewColor { lumigraph: Lumigraph(vec![photograph([6, 2], 5.0), photograph([1, 4], 7.0)]), ..harmonics }
     }
 
     #[test]
@@ -249,25 +303,33 @@ mod tests {
         assert!(said(vec![3, 17, 124], f32::NAN, 4).contains("not all"));
         assert!(said(vec![3, 17, 124], 0.0, 2).contains("in order"), "nodes of a larger grid");
         assert!(said(vec![3, 17, 124], 0.0, 600).contains("600 cells"));
-        let said = |change: &dyn Fn(&mut ResidualView)| {
-            let mut wrong = stored();
-            change(&mut wrong.residuals.0[1]);
-            ViewColor::from_bytes(&wrong.to_bytes("").unwrap()).unwrap_err().to_string()
+        let said = |change: &dyn Fn(&mut PhotographTensors)| {
+            let mut wrong = PhotographTensors::of(&stored().lumigraph);
+            change(&mut wrong);
+            wrong.lumigraph().unwrap_err().to_string()
         };
-        assert!(said(&|view| view.height = 5).contains("1 x 5 pixels"));
-        assert!(said(&|view| view.width = u32::MAX).contains("no numbers for"));
-        assert!(said(&|view| view.height = 3).contains("more numbers"));
-        assert!(
-            said(&|view| {
-                view.depths.truncate(3);
-                view.changes.truncate(3);
-            })
-            .contains("no numbers for")
-        );
-        assert!(said(&|view| view.projection = Mat3::ZERO).contains("no camera"));
-        assert!(said(&|view| view.offset.x = f32::NAN).contains("no camera"));
-        assert!(said(&|view| view.depths[2] = f16::INFINITY).contains("wrong depths"));
-        assert!(said(&|view| view.depths[2] = -f16::ONE).contains("wrong depths"));
-        assert!(ViewColor::from_bytes(b"photographs").is_err());
+        // Width, height, spacing and bytes of the second.
+        let size = |tensors: &mut PhotographTensors, axis: usize, to: u32| {
+            tensors.sizes[16 + 4 * axis..20 + 4 * axis].copy_from_slice(&to.to_le_bytes());
+        };
+        assert!(said(&|tensors| size(tensors, 1, 500)).contains("1 x 500 pixels"));
+        assert!(said(&|tensors| size(tensors, 1, 5)).contains("another size"));
+        assert!(said(&|tensors| size(tensors, 0, u32::MAX)).contains("pixels, expected at most"));
+        assert!(said(&|tensors| size(tensors, 3, u32::MAX)).contains("no numbers for"));
+        assert!(said(&|tensors| size(tensors, 3, 9)).contains("more numbers"));
+        assert!(said(&|tensors| size(tensors, 2, 0)).contains("no pixels between"));
+        assert!(said(&|tensors| tensors.depths.truncate(2)).contains("no numbers for"));
+        assert!(said(&|tensors| tensors.depths.extend([0, 0])).contains("more numbers"));
+        assert!(said(&|tensors| tensors.pictures[0] = 0).contains("a photograph"));
+        assert!(said(&|tensors| tensors.projections.truncate(48)).contains("1 cameras"));
+        assert!(said(&|tensors| tensors.projections.fill(0)).contains("no camera"));
+        for wrong in [f16::INFINITY, -f16::ONE, f16::NAN] {
+            let depth = |tensors: &mut PhotographTensors| tensors.depths[..2].copy_from_slice(&wrong.to_le_bytes());
+            assert!(said(&depth).contains("wrong depths"), "{wrong}");
+        }
+        let other = TensorView::new(Dtype::U8, vec![1], &[0]).unwrap();
+        let other = serialize([("residual_changes", other)], Some(HashMap::from([(CELLS.to_owned(), "4".to_owned())])));
+        assert!(ViewColor::from_bytes(&other.unwrap()).unwrap_err().problem.contains("residual_changes"));
+        assert!(ViewColor::from_bytes(b"pictures").is_err());
     }
 }

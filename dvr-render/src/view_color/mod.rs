@@ -8,14 +8,14 @@
 //!
 //! It is fitted when the surface is known ([`ViewColor::fit`]): where colour may change with the direction while the
 //! surface is learned, it explains dents away. Spherical harmonics per point are those of Plenoxels (Fridovich-Keil et
-//! al. 2022) and of Gaussian splatting (Kerbl et al. 2023); the fit is linear. What photographs show beside that is kept view
-//! by view, and blended for other directions ([`ViewColor::with_residuals`]).
+//! al. 2022) and of Gaussian splatting (Kerbl et al. 2023); the fit is linear. What photographs show beside that is blended
+//! from those that were taken from nearby directions ([`ViewColor::with_photographs`]).
 
 mod file;
 mod fit;
 mod harmonics;
-mod residual_fit;
-mod residual_views;
+mod lumigraph;
+mod lumigraph_fit;
 
 use dvr_core::voxel::VoxelGrid;
 use dvr_core::{Cancellation, Cancelled, Ray, View};
@@ -26,7 +26,7 @@ pub use file::ViewColorError;
 
 use crate::shade::{Shaded, Shader};
 use harmonics::{TERMS, harmonics};
-use residual_views::ResidualViews;
+use lumigraph::Lumigraph;
 
 /// Where a node has no coefficients.
 const NONE: u32 = u32::MAX;
@@ -40,7 +40,7 @@ pub struct ViewColor {
     /// Which of them each node of the grid is; [`NONE`] for others.
     slots: Vec<u32>,
     coefficients: Vec<[Vec3; TERMS]>,
-    residuals: ResidualViews,
+    lumigraph: Lumigraph,
 }
 
 impl ViewColor {
@@ -48,7 +48,7 @@ impl ViewColor {
     fn new(grid: VoxelGrid, nodes: Vec<u32>, coefficients: Vec<[Vec3; TERMS]>) -> Self {
         let mut slots = vec![NONE; grid.len()];
         (0..).zip(&nodes).for_each(|(slot, &node)| slots[node as usize] = slot);
-        Self { grid, nodes, slots, coefficients, residuals: ResidualViews::default() }
+        Self { grid, nodes, slots, coefficients, lumigraph: Lumigraph::default() }
     }
 
     /// Colours that do not depend on the direction.
@@ -56,38 +56,42 @@ impl ViewColor {
         Self::new(fit::grid(), Vec::new(), Vec::new())
     }
 
-    /// The same with what photographs show beside it of `shader`'s surface. `None` where they do not show the surface.
+    /// The same with photographs, which show `shader`'s surface beside it. `None` where they do not show the surface.
     ///
     /// # Errors
     /// [`Cancelled`] where somebody wants it to end.
-    pub fn with_residuals(
+    pub fn with_photographs(
         &self,
         shader: &dyn Shader,
         views: &[&View],
         cancellation: &Cancellation,
     ) -> Result<Option<Self>, Cancelled> {
-        let bare = Self { residuals: ResidualViews::default(), ..self.clone() };
-        let residuals = residual_fit::residual_views(&bare.on(shader), views, cancellation)?;
-        Ok((residuals.numbers() > 0).then_some(Self { residuals, ..bare }))
+        let lumigraph = lumigraph_fit::lumigraph(shader, views, cancellation)?;
+        Ok((!lumigraph.is_empty()).then(|| Self { lumigraph, ..self.clone() }))
     }
 
-    /// What is added to the colour, sRGB, of a point of the surface, in object space, that is seen along `direction`, from
-    /// the camera on. Zero far from where photographs showed the surface.
-    pub fn at(&self, point: Vec3, direction: Vec3) -> Vec3 {
+    /// The colour, sRGB in `[0, 1]`, of a point of the surface, in object space, that is seen along `direction`, from the camera
+    /// on, where it is `color` from everywhere. The same far from where photographs showed the surface.
+    pub fn at(&self, point: Vec3, direction: Vec3, color: Vec3) -> Vec3 {
         let direction = direction.normalize_or_zero();
-        self.harmonics_at(point, direction) + self.residuals.at(point, direction)
+        let coefficients = self.coefficients_at(point);
+        let along = |direction: Vec3| {
+            let terms = harmonics(direction).into_iter().zip(coefficients);
+            (color + terms.map(|(term, by)| term * by).sum::<Vec3>()).clamp(Vec3::ZERO, Vec3::ONE)
+        };
+        (along(direction) + self.lumigraph.beside(point, direction, along)).clamp(Vec3::ZERO, Vec3::ONE)
     }
 
-    /// The part of the harmonics, along a unit vector.
-    fn harmonics_at(&self, point: Vec3, direction: Vec3) -> Vec3 {
-        let (cell, terms) = (self.grid.locate(point), harmonics(direction));
-        let mut sum = Vec3::ZERO;
+    /// What the harmonics of a point are multiplied by.
+    fn coefficients_at(&self, point: Vec3) -> [Vec3; TERMS] {
+        let cell = self.grid.locate(point);
+        let mut sums = [Vec3::ZERO; TERMS];
         for (offset, weight) in self.grid.corner_offsets().into_iter().zip(cell.weights()) {
             if let Some(coefficients) = self.coefficients.get(self.slots[cell.node + offset] as usize) {
-                sum += weight * terms.iter().zip(coefficients).map(|(term, by)| *term * *by).sum::<Vec3>();
+                sums.iter_mut().zip(coefficients).for_each(|(sum, by)| *sum += weight * *by);
             }
         }
-        sum
+        sums
     }
 
     /// What `shader` shows, with colours for the directions of the rays.
@@ -95,9 +99,9 @@ impl ViewColor {
         OnShader { shader, color: self }
     }
 
-    /// How many numbers it consists of.
-    pub fn numbers(&self) -> usize {
-        3 * TERMS * self.nodes.len() + self.residuals.numbers()
+    /// Whether colours are the same for all directions.
+    pub fn is_none(&self) -> bool {
+        self.nodes.is_empty() && self.lumigraph.is_empty()
     }
 }
 
@@ -112,11 +116,7 @@ impl Shader for OnShader<'_> {
         shaded.par_iter_mut().zip(rays).with_min_len(256).for_each(|(shaded, ray)| {
             let Some(shaded) = shaded else { return };
             let point = ray.at(f64::from(shaded.depth)).as_vec3();
-            let direction = ray.direction.as_vec3().normalize_or_zero();
-            let color = Vec3::from(shaded.color) + self.color.harmonics_at(point, direction);
-            // Residuals are what photographs show beside what can be seen of that.
-            let color = color.clamp(Vec3::ZERO, Vec3::ONE) + self.color.residuals.at(point, direction);
-            shaded.color = color.clamp(Vec3::ZERO, Vec3::ONE).to_array();
+            shaded.color = self.color.at(point, ray.direction.as_vec3(), shaded.color.into()).to_array();
         });
         shaded
     }

@@ -86,7 +86,7 @@ impl ChosenPictures {
             None => None,
         };
         let (chosen, surface) = of_mesh.unwrap_or((of_field, field));
-        Ok(Some(chosen.with_residuals(surface, views, cancellation)?))
+        Ok(Some(chosen.with_photographs(surface, views, cancellation)?))
     }
 
     /// In colours that change slowly with the direction, where these bring enough; `shader` shows it without.
@@ -95,9 +95,9 @@ impl ChosenPictures {
         Ok(self.or_better(view_color, shader, views))
     }
 
-    /// With what photographs show beside these colours, where it brings enough.
-    fn with_residuals(self, shader: &dyn Shader, views: &ViewSplit, cancellation: &Cancellation) -> Result<Self> {
-        let view_color = self.view_color.with_residuals(shader, &views.train, cancellation)?;
+    /// With photographs from nearby directions, where they bring enough.
+    fn with_photographs(self, shader: &dyn Shader, views: &ViewSplit, cancellation: &Cancellation) -> Result<Self> {
+        let view_color = self.view_color.with_photographs(shader, &views.train, cancellation)?;
         Ok(self.or_better(view_color, shader, views))
     }
 
@@ -200,7 +200,7 @@ impl RunPictures {
     /// What they show.
     pub fn of(&self) -> PicturesOf {
         let of = if self.mesh.is_some() { PicturesOf::Mesh } else { PicturesOf::Field };
-        if self.view_color.numbers() > 0 { of.with_view_color() } else { of }
+        if self.view_color.is_none() { of } else { of.with_view_color() }
     }
 
     /// Hands on what shows them, where `field` shows the field of the run.

@@ -3,11 +3,12 @@
 use std::collections::HashMap;
 
 use burn::tensor::Device;
+use dvr_core::files::encoded_jpeg;
 use dvr_core::voxel::VoxelGrid;
 use dvr_grid::{GridField, GridValues, grid_file};
 use dvr_model::{DecoderConfig, EncoderConfig, ImageModelConfig, read_pytorch, to_safetensors};
 use dvr_train::{Checkpoint, ImportOptions, LearnerState, Supervision, import, method_by_name};
-
+use image::{Rgb, RgbImage};
 use safetensors::serialize;
 use safetensors::tensor::{Dtype, TensorView};
 
@@ -92,13 +93,13 @@ pub(in crate::fuzz) fn scene_dvr() -> Vec<Vec<u8>> {
         .into()
 }
 
-/// Colour that depends on the direction: at two nodes, at none, and with a residual view.
+/// Colour that depends on the direction: at two nodes, at none, and with a photograph.
 pub(in crate::fuzz) fn view_color() -> Vec<Vec<u8>> {
-    vec![colors_at(&[3, 17], 4, None), colors_at(&[], 32, None), colors_at(&[3], 4, Some([2, 1]))]
+    vec![colors_at(&[3, 17], 4, None), colors_at(&[], 32, None), colors_at(&[3], 4, Some([8, 6]))]
 }
 
-/// The same at these nodes of a grid of so many cells, and with one residual view of this size, of two pixels.
-fn colors_at(nodes: &[u32], cells: usize, residual: Option<[u32; 2]>) -> Vec<u8> {
+/// The same at these nodes of a grid of so many cells, and with a photograph of 8 x 6 pixels that claims this size.
+fn colors_at(nodes: &[u32], cells: usize, photograph: Option<[u32; 2]>) -> Vec<u8> {
     let count = nodes.len();
     let nodes: Vec<u8> = nodes.iter().flat_map(|node| node.to_le_bytes()).collect();
     // Ones, in 16 bits.
@@ -108,27 +109,31 @@ fn colors_at(nodes: &[u32], cells: usize, residual: Option<[u32; 2]>) -> Vec<u8>
         ("nodes", view(Dtype::U32, vec![count], &nodes)),
         ("coefficients", view(Dtype::F16, vec![count, 9, 3], &numbers)),
     ];
-    let projection = [1.0f32, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 2.0].map(f32::to_le_bytes).concat();
-    let size = residual.unwrap_or_default().map(u32::to_le_bytes).concat();
-    if residual.is_some() {
+    let projection = [8.0f32, 0.0, 4.0, 8.0, 0.0, 8.0, 3.0, 6.0, 0.0, 0.0, 1.0, 2.0].map(f32::to_le_bytes).concat();
+    let pixels = RgbImage::from_fn(8, 6, |u, v| Rgb([30 * u as u8, 40 * v as u8, 90]));
+    let jpeg = encoded_jpeg(&pixels, 90, None).unwrap_or_else(|e| panic!("{e}"));
+    let [width, height] = photograph.unwrap_or_default();
+    let size = [width, height, 4, jpeg.len() as u32].map(u32::to_le_bytes).concat();
+    // Twos, at three times three nodes.
+    let depths = [0x00, 0x40].repeat(9);
+    if photograph.is_some() {
         tensors.extend([
-            ("residual_projections", view(Dtype::F32, vec![1, 3, 4], &projection)),
-            ("residual_sizes", view(Dtype::U32, vec![1, 2], &size)),
-            ("residual_depths", view(Dtype::F16, vec![2], &[0x00, 0x40, 0x00, 0x40])),
-            ("residual_changes", view(Dtype::I8, vec![2, 3], &[1, 2, 3, 253, 254, 255])),
+            ("photograph_projections", view(Dtype::F32, vec![1, 3, 4], &projection)),
+            ("photograph_sizes", view(Dtype::U32, vec![1, 4], &size)),
+            ("photograph_depths", view(Dtype::F16, vec![9], &depths)),
+            ("photographs", view(Dtype::U8, vec![jpeg.len()], &jpeg)),
         ]);
     }
     let metadata = HashMap::from([("cells".to_owned(), cells.to_string())]);
     serialize(tensors, Some(metadata)).unwrap_or_else(|e| panic!("{e}"))
 }
 
-/// Cells that would take all memory, over no numbers.
+/// Cells, and pixels, that would take all memory, over no numbers.
 pub(in crate::fuzz) fn claiming_cells() -> Vec<(&'static str, Vec<u8>)> {
-    let pixels = Some([1 << 16, 1 << 16]);
     vec![
         ("128 cells", colors_at(&[], 128, None)),
         ("1000 cells", colors_at(&[], 1000, None)),
-        ("residual pixels", colors_at(&[], 4, pixels)),
+        ("pixels of photographs", colors_at(&[], 4, Some([1 << 16, 1 << 16]))),
     ]
 }
 
