@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use dvr_core::mesh::{Look, Mesh, TexturedMesh, shapes, write_mesh, write_textured_mesh};
+use dvr_core::mesh::{GlbStyle, Mesh, TexturedMesh, shapes, write_mesh, write_textured_mesh};
 use dvr_core::synth::{SynthConfig, render_dataset};
 use dvr_core::{Cancellation, Scene, refine_masks};
 use dvr_train::{Observer, RunFolder, RunMetrics, RunOptions, RunResults, Trained, TrainedModel, finish, train};
@@ -18,8 +18,8 @@ pub struct Reconstruction {
     pub mesh: Mesh,
     /// The same with a texture from the photographs; `None` where [`Options::mesh`] asks for none.
     pub textured: Option<TexturedMesh>,
-    /// What viewers do with its colours, as [`Options::mesh`] says.
-    pub look: Look,
+    /// How it is written as GLB, as [`Options::mesh`] says.
+    pub glb: GlbStyle,
     /// Figures, notes and warnings.
     pub report: RunMetrics,
 }
@@ -31,12 +31,11 @@ impl Reconstruction {
     /// # Errors
     /// When the file cannot be written.
     pub fn save_mesh(&self, path: &Path) -> Result<()> {
-        match &self.textured {
-            Some(textured) if path.extension().is_none_or(|extension| extension != "ply") => {
-                Ok(write_textured_mesh(path, textured, self.look)?)
-            }
-            _ => Ok(write_mesh(path, &self.mesh)?),
-        }
+        Ok(match &self.textured {
+            _ if path.extension().is_some_and(|extension| extension == "ply") => write_mesh(path, &self.mesh),
+            Some(textured) => write_textured_mesh(path, textured, self.glb),
+            None => write_textured_mesh(path, &TexturedMesh::from(self.mesh.clone()), self.glb),
+        }?)
     }
 }
 
@@ -82,10 +81,10 @@ pub fn reconstruct_observed(
         ..RunOptions::new(folder.clone(), options.device.clone())
     };
     let trained = train(&mut scene, method, None, &run, observer)?;
-    let RunResults { mesh, textured, look, metrics, .. } =
+    let RunResults { mesh, textured, glb, metrics, .. } =
         finish(&scene, method, &trained, &folder, &options.mesh, observer)?;
     let Trained { model, .. } = trained;
-    Ok(Reconstruction { field: model, mesh: mesh.unwrap_or_default(), textured, look, report: metrics })
+    Ok(Reconstruction { field: model, mesh: mesh.unwrap_or_default(), textured, glb, report: metrics })
 }
 
 /// Renders a small scene, a ball seen from eight sides, into `folder`: something to try [`reconstruct`] on.

@@ -50,6 +50,10 @@ pub struct SurfaceArgs {
     /// 5k, 50k or 200k [from 4 to 100M; default: full, or what --preset says]
     #[arg(long, value_parser = parse_faces, value_name = "N")]
     pub faces: Option<FaceBudget>,
+    /// Make the triangles near equilateral, all about the same size (isotropic remeshing), about as many as --faces or
+    /// --preset says, or as the mesh has; sharp edges are kept
+    #[arg(long, conflicts_with = "simplify")]
+    pub remesh: bool,
 }
 
 /// How a coloured mesh is made.

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
-use dvr_core::mesh::Look;
+use dvr_core::mesh::{GlbStyle, Look};
 use dvr_texture::{SIZES, TextureSettings, TextureSize};
 
 use super::faces::{FaceBudget, parse_faces};
@@ -34,6 +34,10 @@ pub struct TextureArgs {
     /// number, e.g. 5k, 50k or 200k [from 4 to 100M; default: full, or what --preset says]
     #[arg(long, value_parser = parse_faces, value_name = "N")]
     pub faces: Option<FaceBudget>,
+    /// Make the triangles near equilateral first, all about the same size (isotropic remeshing), about as many as --faces or
+    /// --preset says, or as the mesh has; sharp edges are kept
+    #[arg(long)]
+    pub remesh: bool,
     #[command(flatten)]
     pub preset: PresetArg,
     #[command(flatten)]
@@ -98,9 +102,18 @@ pub struct FinishArgs {
     /// [default: on with --look material, where viewers light the surface]
     #[arg(long, value_enum, value_name = "WHETHER")]
     pub normal_map: Option<NormalMapChoice>,
+    /// Compress vertices and faces of the GLB (EXT_meshopt_compression): an eighth of their bytes; three.js, Babylon.js and
+    /// game engines open it, Blender does not
+    #[arg(long)]
+    pub compress: bool,
 }
 
 impl FinishArgs {
+    /// How the GLB is written.
+    pub fn style(&self) -> GlbStyle {
+        GlbStyle { look: self.look.look(), is_compressed: self.compress }
+    }
+
     /// Whether a simplified mesh gets a normal map: where nothing is said, if it will be lit.
     pub fn has_normal_map(&self) -> bool {
         let choice = self.normal_map.unwrap_or(match self.look {
@@ -174,7 +187,7 @@ mod tests {
     #[test]
     fn the_preset_limits_a_size_that_was_not_asked_for() {
         let web = PresetArg { preset: Preset::Web };
-        let finish = FinishArgs { look: LookArg::Baked, normal_map: None };
+        let finish = FinishArgs { look: LookArg::Baked, normal_map: None, compress: false };
         let of = |texture: Option<TextureChoice>| TextureArg { texture, finish }.settings(web);
         assert_eq!(of(None).map(|settings| (settings.size, settings.largest_auto)), Some((TextureSize::Auto, 2048)));
         let asked = of(Some(TextureChoice::Of(TextureSize::Auto))).unwrap();

@@ -32,7 +32,7 @@ pub fn run_mesh_options(
     MeshOptions {
         texture: texture.settings(preset),
         normal_map: texture.finish.has_normal_map(),
-        look: texture.finish.look.look(),
+        glb: texture.finish.style(),
         max_faces: preset.max_faces(args.surface.faces),
         ..mesh_options(args, SCENE_RESOLUTION, cancellation)
     }
@@ -58,6 +58,7 @@ pub fn surface_options(args: &SurfaceArgs, resolution: u32, cancellation: &Cance
         colors: ColorSource::Field,
         max_simplification: args.simplify,
         max_faces: args.faces.and_then(FaceBudget::limit),
+        isotropic: args.remesh,
         cut: None,
         texture: None,
         ..base

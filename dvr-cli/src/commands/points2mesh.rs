@@ -30,7 +30,7 @@ pub fn run(args: &Points2MeshArgs, cancellation: &Cancellation) -> Result<ExitCo
     if let Some(most) = most.filter(|&most| surface.faces.len() > most) {
         let simple = surface.within_faces(most);
         print_notes(over_budget(&simple, most).as_slice());
-        println!("{}", simplified_to(simple.faces.len(), &Simplification::between(&surface, &simple)));
+        println!("{}", simplified_to(simple.faces.len(), &Simplification::between(&surface, &simple), false));
         surface = simple;
     }
     write_mesh(&args.out, &surface)?;

@@ -2,15 +2,16 @@
 
 use dvr_core::metrics::Simplification;
 
-/// One line; distances are in the units of the scene's files.
-pub fn simplified_to(faces: usize, simplification: &Simplification) -> String {
+/// One line; distances are in the units of the scene's files. `is_remeshed` says whether its triangles are others.
+pub fn simplified_to(faces: usize, simplification: &Simplification, is_remeshed: bool) -> String {
+    let done = if is_remeshed { "remeshed" } else { "simplified" };
     let Simplification { faces_before, mean_distance, max_distance, open_edges } = simplification;
     let closed = match open_edges {
         0 => "watertight".to_owned(),
         edges => format!("{edges} open edges"),
     };
     format!(
-        "simplified: {faces_before} to {faces} faces, {closed}; the surface moved by {} in the mean, {} at most, in the units \
+        "{done}: {faces_before} to {faces} faces, {closed}; the surface moved by {} in the mean, {} at most, in the units \
          of the scene",
         short(*mean_distance),
         short(*max_distance)

@@ -45,12 +45,20 @@ pub fn run(args: &TextureArgs, cancellation: &Cancellation) -> Result<ExitCode> 
     let mut mesh = found.mesh.transformed(&scene.object_to_world.inverse());
     // What it is simplified from, and how far that moves the surface.
     let mut full = None;
-    if let Some(most) = args.preset.max_faces(args.faces).filter(|&most| mesh.faces.len() > most) {
-        let simple = mesh.within_faces(most);
-        print_notes(over_budget(&simple, most).as_slice());
+    let (all, most) = (mesh.faces.len(), args.preset.max_faces(args.faces));
+    let simple = if args.remesh {
+        Some(mesh.isotropic(most.map_or(all, |most| most.min(all))))
+    } else {
+        let simple = most.filter(|&most| all > most).map(|most| (mesh.within_faces(most), most));
+        simple.map(|(simple, most)| {
+            print_notes(over_budget(&simple, most).as_slice());
+            simple
+        })
+    };
+    if let Some(simple) = simple {
         let moved = Simplification::between(&mesh, &simple);
         let simplification = moved.scaled(scene.object_to_world.scale);
-        println!("{}", simplified_to(simple.faces.len(), &simplification));
+        println!("{}", simplified_to(simple.faces.len(), &simplification, args.remesh));
         full = Some((std::mem::replace(&mut mesh, simple), moved.max_distance));
     }
     let mut progress = Progress::new();
@@ -63,7 +71,7 @@ pub fn run(args: &TextureArgs, cancellation: &Cancellation) -> Result<ExitCode> 
         bake_normals(&mut textured, &full, moved, cancellation)?;
     }
     let in_world = textured.mesh.transformed(&scene.object_to_world);
-    write_textured_mesh(&args.out, &in_world, args.finish.look.look())?;
+    write_textured_mesh(&args.out, &in_world, args.finish.style())?;
     println!("{}", sentence(&textured.report));
     for path in outputs(&args.out)? {
         println!("wrote {}", path.display());

@@ -224,7 +224,7 @@ fn train_scene(
         write_report(&[run], &folder.report())?;
         progress.progress(1, "");
     }
-    report(&metrics, folder, cpu_seconds);
+    report(&metrics, folder, cpu_seconds, args.meshing.surface.remesh);
     if metrics.mesh.is_none() {
         bail!("there is no mesh: the field has no surface. Check masks and cameras with `dvr info`");
     }
@@ -334,8 +334,8 @@ fn describe(scene: &Scene, views: &ViewNames, method: &dyn Method) {
     print_notes(&scene.warnings);
 }
 
-/// The results, for people.
-fn report(metrics: &RunMetrics, folder: &RunFolder, cpu_seconds: f64) {
+/// The results, for people; `is_remeshed` says whether the mesh has other triangles than the field.
+fn report(metrics: &RunMetrics, folder: &RunFolder, cpu_seconds: f64, is_remeshed: bool) {
     print_notes(&metrics.warnings);
     let RunMetrics { steps, training_seconds, seed, .. } = metrics;
     println!("trained {steps} steps in {training_seconds:.1} s ({cpu_seconds:.1} CPU s), seed {seed}");
@@ -371,7 +371,7 @@ fn report(metrics: &RunMetrics, folder: &RunFolder, cpu_seconds: f64) {
     if let Some([vertices, faces]) = metrics.mesh {
         println!("{}", mesh_line(vertices, faces, metrics.self_intersections.unwrap_or(0)));
         if let Some(simplification) = &metrics.simplification {
-            println!("{}", simplified_to(faces, simplification));
+            println!("{}", simplified_to(faces, simplification, is_remeshed));
         }
     }
     if let Some(support) = &metrics.support {

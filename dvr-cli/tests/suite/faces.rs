@@ -56,6 +56,58 @@ fn a_mesh_of_few_faces_is_made_of_a_run_with_its_texture() {
 }
 
 #[test]
+fn a_mesh_is_remeshed_and_compressed_where_that_is_asked_for() {
+    let (tiny, run) = trained(&["--remesh", "--compress", "--no-report"]);
+    // What a run leaves is read again: by `render`, which shows its texture, and by `texture`.
+    let glb = run.join("mesh.glb");
+    assert!(is_compressed(&glb) && has_texture(&read_mesh(&glb).unwrap()));
+    let frames = ["--frames", "1", "--size", "32", "--animation", "none"];
+    let turn = tiny.path("turn");
+    let said = dvr(&[&["render", text(&run), "--out", text(&turn)], &frames[..]].concat());
+    succeeds(&said);
+    assert!(!String::from_utf8_lossy(&said.stderr).contains("not the mesh"));
+    let mesh = |name: &str, more: &[&str]| {
+        let out = tiny.path(name);
+        let arguments = ["mesh", text(&run), "--resolution", "48", "--out", text(&out)];
+        (succeeds(&dvr(&[&arguments[..], more].concat())), out)
+    };
+    let (said, even) = mesh("even.ply", &["--faces", "800", "--remesh"]);
+    assert!(said.lines().any(|line| line.starts_with("remeshed: ") && line.contains("watertight")), "{said}");
+    let even = read_mesh(&even).unwrap().mesh;
+    assert!((640..960).contains(&even.faces.len()), "{}", even.faces.len());
+    assert!(spread_of_edges(&even) < 0.35, "{}", spread_of_edges(&even));
+    let simple = read_mesh(mesh("simple.ply", &["--faces", "800"]).1).unwrap().mesh;
+    assert!(spread_of_edges(&simple) > spread_of_edges(&even) + 0.1);
+
+    let (_, small) = mesh("small.glb", &["--texture", "off", "--compress"]);
+    let (_, large) = mesh("large.glb", &["--texture", "off"]);
+    let bytes = |path: &Path| std::fs::metadata(path).unwrap().len();
+    assert!(is_compressed(&small) && !is_compressed(&large) && 3 * bytes(&small) < bytes(&large));
+    let out = tiny.path("again.glb");
+    let scene = tiny.scene();
+    let again = ["texture", text(&small), "--data", text(&scene), "--out", text(&out), "--remesh", "--faces", "500"];
+    assert!(succeeds(&dvr(&again)).contains("remeshed: "));
+    let both = tiny.path("both.glb");
+    let both = ["mesh", text(&run), "--remesh", "--simplify", "0.001", "--out", text(&both)];
+    refuses(&dvr(&both), &["--simplify"]);
+}
+
+fn is_compressed(glb: &Path) -> bool {
+    parts(glb).0["extensionsRequired"].as_array().is_some_and(|names| names.contains(&"EXT_meshopt_compression".into()))
+}
+
+/// Standard deviation of the lengths of edges, as a share of their mean.
+fn spread_of_edges(mesh: &Mesh) -> f32 {
+    let edges = (0..mesh.faces.len()).flat_map(|face| {
+        let [a, b, c] = mesh.triangle(face);
+        [a.distance(b), b.distance(c), c.distance(a)]
+    });
+    let edges: Vec<f32> = edges.collect();
+    let mean = edges.iter().sum::<f32>() / edges.len() as f32;
+    (edges.iter().map(|edge| (edge - mean).powi(2)).sum::<f32>() / edges.len() as f32).sqrt() / mean
+}
+
+#[test]
 fn a_run_with_a_budget_says_what_it_cost() {
     let (tiny, run) = trained(&["--faces", "300", "--normal-map", "on", "--no-report"]);
     let metrics = metrics(&run);

@@ -36,6 +36,9 @@ pub const NPY_HEADER_BYTES: u64 = 10_000;
 /// Bytes that one deflated byte may become (zlib's own figure).
 pub const INFLATION: u64 = 1032;
 
+/// Bytes that a byte of a glTF buffer may become when meshoptimizer's codec compressed it: zeros, in its first version.
+pub const MESHOPT_INFLATION: u64 = 64;
+
 /// Vertices, triangles and primitives of a glTF scene whose nodes share meshes. A scene may have as many as its buffers
 /// have bytes in any case.
 pub const SHARED_ELEMENTS: u64 = 4 << 20;

@@ -10,12 +10,15 @@ use std::sync::Arc;
 use ::gltf::accessor::{Accessor, DataType};
 use ::gltf::{Document, buffer};
 
+use super::meshopt_views::{decompressed, is_fallback};
 use crate::files::{read_bytes, shortened};
 
 /// The bytes of a document's buffers, and where the document lies.
 pub(super) struct GltfBuffers {
     folder: PathBuf,
     buffers: Vec<Arc<Vec<u8>>>,
+    /// The bytes of views that are compressed, by their index.
+    decompressed: Vec<Option<Vec<u8>>>,
 }
 
 impl GltfBuffers {
@@ -25,6 +28,7 @@ impl GltfBuffers {
         let mut files: HashMap<String, Arc<Vec<u8>>> = HashMap::new();
         let buffers = document.buffers().map(|buffer| {
             let bytes = match buffer.source() {
+                _ if is_fallback(&buffer) => Ok(Arc::default()),
                 buffer::Source::Bin => blob.take().map(Arc::new).ok_or("has no binary chunk".to_owned()),
                 buffer::Source::Uri(uri) => match files.get(uri) {
                     Some(known) => Ok(known.clone()),
@@ -37,15 +41,18 @@ impl GltfBuffers {
             };
             bytes.map_err(|problem| format!("buffer {} {problem}", buffer.index()))
         });
-        Ok(Self { folder: folder.to_owned(), buffers: buffers.collect::<Result<_, _>>()? })
+        let buffers = buffers.collect::<Result<Vec<_>, _>>()?;
+        let decompressed = decompressed(document, &buffers)?;
+        Ok(Self { folder: folder.to_owned(), buffers, decompressed })
     }
 
-    /// Bytes of all buffers; those that are in one file count once.
+    /// Bytes of all buffers and of what is compressed in them; those that are in one file count once.
     pub fn length(&self) -> usize {
         let mut files: Vec<(*const Vec<u8>, usize)> = self.buffers.iter().map(|b| (Arc::as_ptr(b), b.len())).collect();
         files.sort_unstable();
         files.dedup();
-        files.into_iter().map(|(_, length)| length).sum()
+        let in_files: usize = files.into_iter().map(|(_, length)| length).sum();
+        in_files + self.decompressed.iter().flatten().map(Vec::len).sum::<usize>()
     }
 
     /// The folder that relative URIs start from.
@@ -55,6 +62,9 @@ impl GltfBuffers {
 
     /// The bytes of a buffer view. Like all problems here, one is reported without its subject.
     pub fn view(&self, view: &buffer::View) -> Result<&[u8], String> {
+        if let Some(Some(bytes)) = self.decompressed.get(view.index()) {
+            return Ok(bytes);
+        }
         let bytes = self.buffers.get(view.buffer().index()).map_or(&[][..], |bytes| bytes.as_slice());
         view.offset().checked_add(view.length()).and_then(|end| bytes.get(view.offset()..end)).ok_or(format!(
             "a view of {} bytes is larger than its buffer of {}",

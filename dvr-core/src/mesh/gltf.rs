@@ -9,18 +9,15 @@ use glam::{Mat3, Mat4, Vec2, Vec3};
 
 use super::accessor::{self, GltfBuffers};
 use super::gltf_material::{UvTransform, read_materials, uv_transform};
+use super::meshopt_views::is_known;
 use super::textured_mesh::TexturedMesh;
 use crate::error::Error;
 use crate::files::check_limit;
 use crate::files::limits::SHARED_ELEMENTS;
 use crate::srgb::linear_to_srgb;
 
-/// Extensions whose absence would change the shape, and what to say about them.
-const COMPRESSIONS: [(&str, &str); 3] = [
-    ("KHR_draco_mesh_compression", "Draco"),
-    ("EXT_meshopt_compression", "meshopt"),
-    ("KHR_meshopt_compression", "meshopt"),
-];
+/// The extension by which geometry is compressed with Draco.
+const DRACO: &str = "KHR_draco_mesh_compression";
 
 /// Reads the default scene: node transforms, triangles, normals, vertex colours, base colours and base colour textures.
 ///
@@ -95,14 +92,14 @@ fn size_of(mesh: &::gltf::Mesh) -> [u64; 3] {
 fn validated(path: &Path, document: Document, warnings: &mut Vec<String>) -> crate::Result<Document> {
     let mut root = document.into_json();
     for extension in std::mem::take(&mut root.extensions_required) {
-        if let Some((_, name)) = COMPRESSIONS.iter().find(|(known, _)| *known == extension) {
-            let problem = format!("the geometry is compressed with {name} ({extension}), which is not read");
+        if extension == DRACO {
+            let problem = format!("the geometry is compressed with Draco ({extension}), which is not read");
             return Err(Error::format(path, problem, "Export the model without mesh compression."));
         }
         let harmless = extension.starts_with("KHR_materials_") || extension.contains("_texture_");
         if harmless {
             warnings.push(format!("the file asks for {extension}, which may look different here"));
-        } else if extension != "KHR_mesh_quantization" && extension != "KHR_lights_punctual" {
+        } else if extension != "KHR_mesh_quantization" && extension != "KHR_lights_punctual" && !is_known(&extension) {
             let problem = format!("the file requires {extension}, which is not read");
             return Err(Error::format(path, problem, "Export the model without this extension."));
         }
@@ -283,7 +280,7 @@ mod tests {
     }
 
     #[test]
-    fn compressed_geometry_is_refused_by_name() {
+    fn geometry_compressed_with_draco_is_refused_by_name() {
         let mut root = triangle(json!({ "mesh": 0 }));
         root["extensionsRequired"] = json!(["KHR_draco_mesh_compression"]);
         root["extensionsUsed"] = json!(["KHR_draco_mesh_compression"]);

@@ -54,7 +54,7 @@ pub fn write_mesh(path: impl AsRef<Path>, mesh: &Mesh) -> crate::Result<()> {
     let bytes = match extension(path).as_str() {
         "obj" => obj::encode(mesh),
         "ply" => ply::encode(mesh),
-        "glb" => glb::encode(mesh, &stem(path)),
+        "glb" => glb::encode(mesh, &stem(path), false),
         other => return Err(unknown_format(path, other, "OBJ, PLY or GLB")),
     };
     write_bytes_atomically(path, &bytes)

@@ -47,6 +47,13 @@ pub struct TexturedMesh {
     pub normal_map: Option<NormalMap>,
 }
 
+impl From<Mesh> for TexturedMesh {
+    /// Without a texture.
+    fn from(mesh: Mesh) -> Self {
+        Self { mesh, ..Self::default() }
+    }
+}
+
 impl TexturedMesh {
     /// The mesh moved through a similarity, as [`Mesh::transformed`].
     pub fn transformed(self, similarity: &Similarity) -> Self {

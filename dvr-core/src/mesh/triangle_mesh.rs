@@ -63,6 +63,22 @@ impl Mesh {
         self.vertices.len() as u32 - 1
     }
 
+    /// The mesh with faces in an order in which graphics cards find vertices again, and vertices in that of the faces; and which
+    /// vertex each was. Vertices that no face uses are dropped.
+    pub(super) fn in_drawing_order(&self) -> (Self, Vec<usize>) {
+        let mut corners = meshopt::optimize_vertex_cache(self.faces.as_flattened(), self.vertices.len());
+        let (mut numbers, mut sources) = (vec![u32::MAX; self.vertices.len()], Vec::new());
+        for corner in &mut corners {
+            let number = &mut numbers[*corner as usize];
+            if *number == u32::MAX {
+                *number = sources.len() as u32;
+                sources.push(*corner as usize);
+            }
+            *corner = *number;
+        }
+        (self.with_vertices(&sources, corners.as_chunks().0.to_vec()), sources)
+    }
+
     /// Other faces, over copies of these vertices with all that is known of them.
     pub(super) fn with_vertices(&self, sources: &[usize], faces: Vec<[u32; 3]>) -> Self {
         Self {

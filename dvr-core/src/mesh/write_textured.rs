@@ -2,17 +2,16 @@
 
 use std::path::Path;
 
-use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder, RgbImage};
 
-use super::glb::{StoredNormals, encode_textured};
+use super::glb::{StoredNormals, encode, encode_textured};
 use super::io::{extension, stem, unknown_format, write_mesh};
 use super::obj;
 use super::textured_mesh::TexturedMesh;
 use super::uv_vertices::UvVertices;
 use crate::error::{Error, Result};
-use crate::files::{write_bytes_atomically, write_rgb_png};
+use crate::files::{encoded_jpeg, write_bytes_atomically, write_rgb_png};
 
 /// Quality of the JPEG inside a GLB, of 100.
 const JPEG_QUALITY: u8 = 95;
@@ -27,6 +26,22 @@ pub enum Look {
     Material,
 }
 
+/// How a mesh is written as GLB.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct GlbStyle {
+    /// What viewers do with its colours.
+    pub look: Look,
+    /// Whether numbers are rounded and compressed (`EXT_meshopt_compression`): a fifth of the bytes or less, and programs that
+    /// do not know the extension cannot open the file.
+    pub is_compressed: bool,
+}
+
+impl From<Look> for GlbStyle {
+    fn from(look: Look) -> Self {
+        Self { look, is_compressed: false }
+    }
+}
+
 /// A picture as it is stored inside a file.
 pub(super) struct StoredTexture {
     pub bytes: Vec<u8>,
@@ -35,7 +50,7 @@ pub(super) struct StoredTexture {
 
 /// Writes a mesh with the texture of its first material, by the path's extension: GLB with the texture inside as JPEG,
 /// or OBJ, with an MTL and a PNG of the same name beside it. A mesh without texture, and a PLY, which has none, are
-/// written as [`write_mesh`] does.
+/// written as [`write_mesh`] does, a GLB compressed where the style says so.
 ///
 /// A normal map lies in a GLB as PNG, with its tangents. An OBJ has none: its files know no tangents, and programs differ
 /// on whether `map_Bump` is a height or a direction.
@@ -45,12 +60,15 @@ pub(super) struct StoredTexture {
 ///
 /// # Errors
 /// When the extension is none of these, or a file cannot be written.
-pub fn write_textured_mesh(path: impl AsRef<Path>, textured: &TexturedMesh, look: Look) -> Result<()> {
-    let path = path.as_ref();
+pub fn write_textured_mesh(path: impl AsRef<Path>, textured: &TexturedMesh, style: impl Into<GlbStyle>) -> Result<()> {
+    let (path, style) = (path.as_ref(), style.into());
     let texture = textured.materials.first().and_then(|material| material.texture.as_ref());
     let (Some(texture), "glb" | "obj") = (texture, extension(path).as_str()) else {
         if !["ply", "glb", "obj"].contains(&extension(path).as_str()) {
             return Err(unknown_format(path, &extension(path), "GLB, OBJ or PLY"));
+        }
+        if extension(path) == "glb" && style.is_compressed {
+            return write_bytes_atomically(path, &encode(&textured.mesh, &stem(path), true));
         }
         return write_mesh(path, &textured.mesh);
     };
@@ -64,18 +82,18 @@ pub fn write_textured_mesh(path: impl AsRef<Path>, textured: &TexturedMesh, look
         let Some(map) = &textured.normal_map else {
             return write_bytes_atomically(
                 path,
-                &encode_textured(&UvVertices::of(textured), &texture, None, look, &name),
+                &encode_textured(&UvVertices::of(textured), &texture, None, style, &name),
             );
         };
         let (split, tangents) = UvVertices::with_tangents(textured, &map.corner_tangents);
         let stored = StoredTexture { bytes: png(path, &map.texture)?, mime_type: "image/png" };
         let normals = StoredNormals { tangents: &tangents, texture: stored };
-        return write_bytes_atomically(path, &encode_textured(&split, &texture, Some(&normals), look, &name));
+        return write_bytes_atomically(path, &encode_textured(&split, &texture, Some(&normals), style, &name));
     }
     let split = UvVertices::of(textured);
     let (library, texture) = (path.with_extension("mtl"), path.with_extension("png"));
     write_rgb_png(&texture, &picture)?;
-    let illumination = if look == Look::Baked { 0 } else { 1 };
+    let illumination = if style.look == Look::Baked { 0 } else { 1 };
     let material =
         format!("# dvr\nnewmtl {TEXTURED}\nKd 1 1 1\nillum {illumination}\nmap_Kd {}\n", file_name(&texture));
     write_bytes_atomically(&library, material.as_bytes())?;
@@ -99,9 +117,5 @@ fn png(path: &Path, picture: &RgbImage) -> Result<Vec<u8>> {
 }
 
 fn jpeg(path: &Path, picture: &RgbImage) -> Result<Vec<u8>> {
-    let mut bytes = Vec::new();
-    JpegEncoder::new_with_quality(&mut bytes, JPEG_QUALITY)
-        .write_image(picture, picture.width(), picture.height(), ExtendedColorType::Rgb8)
-        .map_err(|error| Error::io(path, std::io::Error::other(error)))?;
-    Ok(bytes)
+    encoded_jpeg(picture, JPEG_QUALITY, None).map_err(|error| Error::io(path, std::io::Error::other(error)))
 }

@@ -1,5 +1,6 @@
 //! Files, datasets and meshes, through the public functions.
 
+mod compressed_glb;
 mod mask_exactness;
 mod mesh_files;
 mod region_of_interest;

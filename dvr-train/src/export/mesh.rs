@@ -1,6 +1,6 @@
 //! From a trained field to a mesh in the world of the files.
 
-use dvr_core::mesh::{Look, Mesh, connected_components};
+use dvr_core::mesh::{GlbStyle, Mesh, connected_components};
 use dvr_core::metrics::Simplification;
 use dvr_core::{Camera, HalfSpace, Similarity, View, Visibility};
 use dvr_render::extract::ExtractError;
@@ -38,6 +38,9 @@ pub struct MeshOptions {
     /// How many faces the mesh may have, 4 at least; `None` keeps them all. Charts, texture and colours are those of the
     /// simple mesh.
     pub max_faces: Option<usize>,
+    /// Whether the mesh has triangles near equilateral instead ([`Mesh::isotropic`]): about as many as it may have, or has, and
+    /// as much simplification as that takes.
+    pub isotropic: bool,
     /// The half of object space that the mesh is cut to, before it is simplified and coloured; caps close the cut.
     pub cut: Option<HalfSpace>,
     /// How photographs become the texture of a run's mesh; `None` for none. Colours of the field
@@ -45,8 +48,8 @@ pub struct MeshOptions {
     pub texture: Option<TextureSettings>,
     /// Whether a simplified mesh with a texture gets a normal map of the full one.
     pub normal_map: bool,
-    /// What viewers do with the colours of the texture.
-    pub look: Look,
+    /// How the GLB is written.
+    pub glb: GlbStyle,
 }
 
 impl MeshOptions {
@@ -170,10 +173,14 @@ fn simplified(
     warnings: &mut Vec<String>,
 ) -> (Mesh, Option<Mesh>, Option<Simplification>) {
     let mut simple = None;
-    if options.max_simplification > 0.0 {
+    if options.isotropic {
+        let all = full.faces.len();
+        simple = Some(full.isotropic(options.max_faces.map_or(all, |most| most.min(all))));
+    } else if options.max_simplification > 0.0 {
         simple = Some(full.simplified(options.max_simplification));
     }
-    if let Some(most) = options.max_faces.filter(|&most| simple.as_ref().unwrap_or(&full).faces.len() > most) {
+    let budget = options.max_faces.filter(|_| !options.isotropic);
+    if let Some(most) = budget.filter(|&most| simple.as_ref().unwrap_or(&full).faces.len() > most) {
         let within = simple.as_ref().unwrap_or(&full).within_faces(most);
         warnings.extend(over_budget(&within, most));
         simple = Some(within);

@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use dvr_core::mesh::{Look, Mesh, TexturedMesh, write_mesh, write_textured_mesh};
+use dvr_core::mesh::{GlbStyle, Mesh, TexturedMesh, write_mesh, write_textured_mesh};
 use dvr_core::metrics::points::PointsSettings;
 use dvr_core::metrics::self_intersections;
 use dvr_core::{Camera, Cancellation, Exposure, Scene, Similarity, VerifiedPoints, View, ViewSplit};
@@ -44,8 +44,8 @@ pub struct RunResults {
     pub mesh: Option<Mesh>,
     /// The same with a texture from the photographs, where one was asked for.
     pub textured: Option<TexturedMesh>,
-    /// What viewers do with its colours.
-    pub look: Look,
+    /// How it is written as GLB.
+    pub glb: GlbStyle,
     /// What pictures of the run show; its field where nothing was chosen.
     pub pictures: Option<ChosenPictures>,
     /// What takes object space to the coordinates of the mesh.
@@ -170,7 +170,7 @@ impl RunResults {
             measuring_seconds: outcome.measuring_seconds,
         };
         let textured = textured.map(|textured| textured.mesh.transformed(&to_export));
-        Ok(Self { mesh: exported, textured, look: options.look, pictures, object_to_mesh: to_export, preview, metrics })
+        Ok(Self { mesh: exported, textured, glb: options.glb, pictures, object_to_mesh: to_export, preview, metrics })
     }
 
     /// Writes mesh (PLY with colours per vertex, GLB with the texture where there is one), preview sheet and figures into a run's folder.
@@ -181,8 +181,8 @@ impl RunResults {
         if let Some(mesh) = &self.mesh {
             write_mesh(folder.mesh_ply(), mesh)?;
             match &self.textured {
-                Some(textured) => write_textured_mesh(folder.mesh_glb(), textured, self.look)?,
-                None => write_mesh(folder.mesh_glb(), mesh)?,
+                Some(textured) => write_textured_mesh(folder.mesh_glb(), textured, self.glb)?,
+                None => write_textured_mesh(folder.mesh_glb(), &TexturedMesh::from(mesh.clone()), self.glb)?,
             }
         }
         store_pictures(self.pictures.as_ref(), &self.object_to_mesh, folder)?;
