@@ -24,9 +24,9 @@ impl Mesh {
     /// The same surface with about `faces` triangles, at least [`LEAST_FACES`], all about the same size and near equilateral, as
     /// simulation wants them.
     ///
-    /// A closed mesh stays closed. Vertices lie on the surface that was; along borders, and along edges where it turns by
+    /// A closed mesh stays closed. Vertices within smooth parts lie on the surface that was; along borders, and along edges where it turns by
     /// more than 40 degrees, they stay, so that sharp edges and corners are kept as far as the new triangles are fine enough.
-    /// What is known of vertices is taken from the nearest place. Vertices at one place are one where that closes seams.
+    /// Long needles that become a few large faces leave some slivers. What is known of vertices is taken from the nearest place. Vertices at one place are one where that closes seams.
     #[must_use]
     pub fn isotropic(&self, faces: usize) -> Self {
         let mesh = welded(self);

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use ::gltf::{Buffer, Document};
 use serde::Deserialize;
 
-use crate::files::limits::MESHOPT_INFLATION;
+use crate::files::limits::{ARRAY_BYTES, MESHOPT_INFLATION};
 
 /// Names of the extension.
 const NAMES: [&str; 2] = ["EXT_meshopt_compression", "KHR_meshopt_compression"];
@@ -38,7 +38,12 @@ pub(super) fn is_fallback(buffer: &Buffer) -> bool {
 
 /// The bytes of each compressed view, by its index.
 pub(super) fn decompressed(document: &Document, buffers: &[Arc<Vec<u8>>]) -> Result<Vec<Option<Vec<u8>>>, String> {
-    let mut left = MESHOPT_INFLATION.saturating_mul(buffers.iter().map(|bytes| bytes.len() as u64).sum());
+    // Buffers that are in one file count once.
+    let mut files: Vec<(*const Vec<u8>, u64)> = buffers.iter().map(|b| (Arc::as_ptr(b), b.len() as u64)).collect();
+    files.sort_unstable();
+    files.dedup();
+    let length: u64 = files.into_iter().map(|(_, length)| length).sum();
+    let mut left = MESHOPT_INFLATION.saturating_mul(length).min(ARRAY_BYTES);
     let views = document.views().map(|view| {
         let Some(said) = NAMES.iter().find_map(|name| view.extension_value(name)) else { return Ok(None) };
         let bytes = serde_json::from_value::<Compressed>(said.clone())

@@ -6,7 +6,7 @@ use meshopt::EncodeExpMode;
 
 use super::glb_buffer::{BYTE, FLOAT, UNSIGNED_SHORT};
 
-/// Bits of each coordinate of a direction on an octahedron: it is off by a degree at most.
+/// Bits of each coordinate of a direction on an octahedron: it is off by about a degree at most.
 const DIRECTION_BITS: i32 = 8;
 
 /// Bits of a number that stays a float: whole numbers up to 16 384 are exact.

@@ -66,6 +66,8 @@ impl Mesh {
     /// The mesh with faces in an order in which graphics cards find vertices again, and vertices in that of the faces; and which
     /// vertex each was. Vertices that no face uses are dropped.
     pub(super) fn in_drawing_order(&self) -> (Self, Vec<usize>) {
+        let is_sound = self.faces.as_flattened().iter().all(|&corner| (corner as usize) < self.vertices.len());
+        assert!(is_sound, "a face has a vertex that the mesh has not");
         let mut corners = meshopt::optimize_vertex_cache(self.faces.as_flattened(), self.vertices.len());
         let (mut numbers, mut sources) = (vec![u32::MAX; self.vertices.len()], Vec::new());
         for corner in &mut corners {

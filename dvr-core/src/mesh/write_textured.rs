@@ -31,7 +31,7 @@ pub enum Look {
 pub struct GlbStyle {
     /// What viewers do with its colours.
     pub look: Look,
-    /// Whether numbers are rounded and compressed (`EXT_meshopt_compression`): a fifth of the bytes or less, and programs that
+    /// Whether numbers are rounded and compressed (`EXT_meshopt_compression`): a quarter of the bytes or less, and programs that
     /// do not know the extension cannot open the file.
     pub is_compressed: bool,
 }

@@ -1,6 +1,7 @@
 //! View-dependent colour as bytes: safetensors, with the cells of the grid among the metadata.
 
 use std::collections::HashMap;
+use std::io::Cursor;
 use std::path::Path;
 
 use dvr_core::UnitCube;
@@ -8,6 +9,7 @@ use dvr_core::files::decoded_picture;
 use dvr_core::voxel::VoxelGrid;
 use glam::{Mat3, Vec3, Vec4};
 use half::f16;
+use image::{ImageFormat, ImageReader};
 use rayon::prelude::*;
 use safetensors::tensor::{Dtype, TensorView};
 use safetensors::{SafeTensorError, SafeTensors, serialize};
@@ -239,10 +241,12 @@ struct StoredPhotograph<'a> {
 
 impl StoredPhotograph<'_> {
     fn photograph(self) -> Result<Photograph, ViewColorError> {
-        let decoded = decoded_picture(Path::new("a photograph"), self.picture).map_err(broken)?.into_rgb8();
-        if decoded.dimensions() != self.size {
+        // Before any pixel is decoded: the size is a claim.
+        let reader = ImageReader::with_format(Cursor::new(self.picture), ImageFormat::Jpeg);
+        if reader.into_dimensions().map_err(broken)? != self.size {
             return Err(broken("a photograph has another size than its file says"));
         }
+        let decoded = decoded_picture(Path::new("a photograph"), self.picture).map_err(broken)?.into_rgb8();
         let rows: [Vec4; 3] = std::array::from_fn(|row| Vec4::from_slice(&self.projection[4 * row..4 * row + 4]));
         let projection = Mat3::from_cols_array_2d(&rows.map(|row| row.truncate().to_array())).transpose();
         let (offset, depths) = (Vec3::from(rows.map(|row| row.w)), self.depths.to_vec());
@@ -320,7 +324,7 @@ mod tests {
         assert!(said(&|tensors| size(tensors, 2, 0)).contains("no pixels between"));
         assert!(said(&|tensors| tensors.depths.truncate(2)).contains("no numbers for"));
         assert!(said(&|tensors| tensors.depths.extend([0, 0])).contains("more numbers"));
-        assert!(said(&|tensors| tensors.pictures[0] = 0).contains("a photograph"));
+        assert!(said(&|tensors| tensors.pictures[0] = 0).contains("no view-dependent colour"));
         assert!(said(&|tensors| tensors.projections.truncate(48)).contains("1 cameras"));
         assert!(said(&|tensors| tensors.projections.fill(0)).contains("no camera"));
         for wrong in [f16::INFINITY, -f16::ONE, f16::NAN] {

@@ -10,6 +10,9 @@ const CREASE: f32 = 0.766;
 /// Cosine of the angle by which the normal of a face may turn while vertices or edges around it change.
 const MAX_TURN: f32 = 0.5;
 
+/// How often all short edges are looked at before others are flipped.
+const PASSES: usize = 8;
+
 /// Of faces and vertices that are gone.
 const GONE: u32 = u32::MAX;
 
@@ -34,7 +37,7 @@ enum Kind {
     Free,
     /// It lies along one edge that is kept.
     OnCrease,
-    /// Edges that are kept meet or end there, or it is where sheets touch.
+    /// Edges that are kept meet, end or turn there.
     Fixed,
 }
 
@@ -105,14 +108,22 @@ impl Patch {
 
     fn kind(&self, vertex: u32) -> Kind {
         let neighbours = self.neighbours(vertex);
-        let creases = neighbours.iter().filter(|&&other| self.is_crease(&self.faces_at(vertex, other))).count();
-        // A disk, or a half of one at a border; else sheets touch.
-        let is_disk = neighbours.len() <= self.around[vertex as usize].len() + usize::from(creases == 2);
-        match creases {
-            0 if is_disk => Kind::Free,
-            2 if is_disk => Kind::OnCrease,
+        let creases: Vec<u32> =
+            neighbours.iter().copied().filter(|&other| self.is_crease(&self.faces_at(vertex, other))).collect();
+        // A disk, or a half of one at a border.
+        let is_disk = neighbours.len() <= self.around[vertex as usize].len() + usize::from(creases.len() == 2);
+        match creases[..] {
+            [] if is_disk => Kind::Free,
+            [a, b] if is_disk && self.goes_on(vertex, a, b) => Kind::OnCrease,
             _ => Kind::Fixed,
         }
+    }
+
+    /// Whether the edges to two neighbours are about one line, and no corner.
+    fn goes_on(&self, vertex: u32, a: u32, b: u32) -> bool {
+        let place = self.positions[vertex as usize];
+        let [a, b] = [a, b].map(|other| (self.positions[other as usize] - place).normalize_or_zero());
+        a.dot(b) < -CREASE
     }
 
     /// Halves edges above this length.
@@ -145,19 +156,35 @@ impl Patch {
     }
 
     /// Collapses edges below this length where that keeps the surface and makes no edge longer than `long`.
+    ///
+    /// The shortest come first, and no vertex takes part twice before all others could: else one would be dragged along a
+    /// row of its neighbours.
     pub fn collapse(&mut self, short: f32, long: f32) {
-        for (a, b) in self.edges() {
-            let [from, to] = [a, b].map(|vertex| self.positions[vertex as usize]);
-            if from.distance(to) < short {
-                self.contract(a, b, long);
+        for _ in 0..PASSES {
+            let length = |&(a, b): &(u32, u32)| self.positions[a as usize].distance(self.positions[b as usize]);
+            let edges = self.edges().into_iter().map(|edge| (length(&edge), edge));
+            let mut edges: Vec<(f32, (u32, u32))> = edges.filter(|(length, _)| *length < short).collect();
+            edges.sort_by(|(a, _), (b, _)| a.total_cmp(b));
+            let mut took_part = vec![false; self.positions.len()];
+            let mut is_done = true;
+            for (_, (a, b)) in edges {
+                if !took_part[a as usize] && !took_part[b as usize] && self.contract(a, b, long) {
+                    took_part[a as usize] = true;
+                    took_part[b as usize] = true;
+                    is_done = false;
+                }
+            }
+            if is_done {
+                break;
             }
         }
     }
 
-    fn contract(&mut self, a: u32, b: u32, long: f32) {
+    /// Makes the two vertices of an edge one; whether that was possible.
+    fn contract(&mut self, a: u32, b: u32, long: f32) -> bool {
         let shared = self.faces_at(a, b);
         if !matches!(shared.len(), 1 | 2) {
-            return;
+            return false;
         }
         let kinds = [a, b].map(|vertex| self.kind(vertex));
         let is_crease = self.is_crease(&shared);
@@ -169,24 +196,24 @@ impl Patch {
             [_, Kind::Free] => (b, a, from),
             [Kind::OnCrease, _] if is_crease => (a, b, to),
             [_, Kind::OnCrease] if is_crease => (b, a, from),
-            _ => return,
+            _ => return false,
         };
         // The link condition (Dey et al. 1999): what both have for neighbours are the corners across.
         let (ours, theirs) = (self.neighbours(gone), self.neighbours(left));
         let common: Vec<u32> = ours.iter().copied().filter(|other| theirs.binary_search(other).is_ok()).collect();
         if common.len() != shared.len() || common.iter().any(|&other| self.around[other as usize].len() <= 3) {
-            return;
+            return false;
         }
         let mut all = ours.iter().chain(&theirs).filter(|&&other| other != gone && other != left);
         if all.any(|&other| self.positions[other as usize].distance(place) > long) {
-            return;
+            return false;
         }
         let turns = |vertex: u32| {
             let around = self.around[vertex as usize].iter().filter(|face| !shared.contains(face));
             around.into_iter().any(|&face| !self.keeps(face, vertex, place))
         };
         if turns(gone) || turns(left) {
-            return;
+            return false;
         }
         self.positions[left as usize] = place;
         for face in std::mem::take(&mut self.around[gone as usize]) {
@@ -201,6 +228,7 @@ impl Patch {
                 self.around[left as usize].push(face);
             }
         }
+        true
     }
 
     /// Whether a face looks the same way when one of its vertices is elsewhere.

@@ -34,10 +34,10 @@ fn slivers() -> Mesh {
 fn triangles_are_near_equilateral_and_as_many_as_asked_for() {
     let before = slivers();
     assert!(regularity(&before).0 < 0.5);
-    for faces in [1000, 4000, 16_000] {
+    for faces in [4000, 16_000] {
         let found = before.isotropic(faces);
         let (mean, poor) = regularity(&found);
-        assert!(mean > 0.9 && poor < 0.01, "{faces}: {mean}, {poor}");
+        assert!(mean > 0.93 && poor < 0.01, "{faces}: {mean}, {poor}");
         let ratio = found.faces.len() as f32 / faces as f32;
         assert!((0.85..1.15).contains(&ratio), "{faces}: {}", found.faces.len());
         assert_eq!(found.open_edges(), 0);
@@ -74,10 +74,14 @@ fn sharp_edges_corners_and_borders_are_kept() {
         faces: vec![[0, 1, 2], [0, 2, 3]],
         ..Mesh::default()
     };
-    let found = square.isotropic(500);
-    let moved = Simplification::between(&square, &found);
-    assert!(moved.max_distance < 1e-6, "{moved:?}");
-    assert!((400..600).contains(&found.faces.len()), "{}", found.faces.len());
+    for faces in [300, 500] {
+        let found = square.isotropic(faces);
+        let moved = Simplification::between(&square, &found);
+        assert!(moved.max_distance < 1e-6, "{moved:?}");
+        assert!(square.vertices.iter().all(|corner| found.vertices.contains(corner)), "{faces}");
+        let ratio = found.faces.len() as f32 / faces as f32;
+        assert!((0.7..1.3).contains(&ratio), "{faces}: {}", found.faces.len());
+    }
 }
 
 #[test]
@@ -108,7 +112,7 @@ fn meshes_without_area_are_returned_as_they_are() {
     ball.faces.push([7, 8, 7]);
     let found = ball.isotropic(1000);
     assert!(regularity(&found).0 > 0.9 && found.vertices.iter().all(|vertex| vertex.is_finite()));
-    // Two sheets that touch in an edge.
+    // Two boxes that touch in an edge, each closed.
     let touching = shapes::union([
         shapes::cuboid(Vec3::ZERO, Vec3::splat(0.3)),
         shapes::cuboid(Vec3::new(-0.3, -0.3, 0.0), Vec3::new(0.0, 0.0, 0.3)),
