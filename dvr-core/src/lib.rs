@@ -109,6 +109,6 @@ pub use stereo_cloud::stereo_cloud;
 pub use supervision::Supervision;
 pub use triangulation::{Sighting, Triangulated, triangulate};
 pub use verified_points::{TrackSight, Tracks, VerifiedPoints};
-pub use view_split::{ViewNames, ViewSplit};
+pub use view_split::{ViewNames, ViewSplit, abbreviated};
 pub use visibility::{MIN_COSINE, Sight, Visibility};
 pub use weighted_median::weighted_median;

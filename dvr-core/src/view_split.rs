@@ -145,7 +145,7 @@ fn purpose(split: Split) -> &'static str {
 }
 
 /// Some names, and how many more there are.
-pub(crate) fn abbreviated(names: &[String]) -> String {
+pub fn abbreviated(names: &[String]) -> String {
     let shown = names.iter().take(NAMED).map(String::as_str).collect::<Vec<_>>().join(", ");
     if names.len() > NAMED { format!("{shown} and {} more", names.len() - NAMED) } else { shown }
 }

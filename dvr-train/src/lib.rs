@@ -60,7 +60,7 @@ pub use evaluate::{
     DepthMapsEvaluation, PointsEvaluation, ShapeEvaluation, ViewEvaluation, evaluate_shape, evaluate_views,
 };
 pub use export::bake::bake_colors;
-pub use export::mesh::{ColorSource, MeshOptions, ObjectMesh, object_mesh, over_budget, world_mesh};
+pub use export::mesh::{ColorSource, MeshOptions, ObjectMesh, object_mesh, with_faces, world_mesh, write_run_mesh};
 pub use export::pictures::{ChosenPictures, PicturesOf, RunPictures};
 pub use export::preview;
 pub use export::real_size::{KnownLength, MeasuredLength, RealSize};

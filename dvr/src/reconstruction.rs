@@ -2,10 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
-use dvr_core::mesh::{GlbStyle, Mesh, TexturedMesh, shapes, write_mesh, write_textured_mesh};
+use dvr_core::mesh::{GlbStyle, Mesh, TexturedMesh, shapes};
 use dvr_core::synth::{SynthConfig, render_dataset};
 use dvr_core::{Cancellation, Scene, refine_masks};
-use dvr_train::{Observer, RunFolder, RunMetrics, RunOptions, RunResults, Trained, TrainedModel, finish, train};
+use dvr_train::{
+    Observer, RunFolder, RunMetrics, RunOptions, RunResults, Trained, TrainedModel, finish, train, write_run_mesh,
+};
 
 use crate::error::{Error, Result};
 use crate::options::Options;
@@ -31,11 +33,7 @@ impl Reconstruction {
     /// # Errors
     /// When the file cannot be written.
     pub fn save_mesh(&self, path: &Path) -> Result<()> {
-        Ok(match &self.textured {
-            _ if path.extension().is_some_and(|extension| extension == "ply") => write_mesh(path, &self.mesh),
-            Some(textured) => write_textured_mesh(path, textured, self.glb),
-            None => write_textured_mesh(path, &TexturedMesh::from(self.mesh.clone()), self.glb),
-        }?)
+        write_run_mesh(path, &self.mesh, self.textured.as_ref(), self.glb)
     }
 }
 

@@ -102,8 +102,8 @@ pub struct FinishArgs {
     /// [default: on with --look material, where viewers light the surface]
     #[arg(long, value_enum, value_name = "WHETHER")]
     pub normal_map: Option<NormalMapChoice>,
-    /// Compress vertices and faces of the GLB (EXT_meshopt_compression): a quarter of their bytes or less; three.js, Babylon.js and
-    /// game engines open it, Blender does not
+    /// Compress vertices and faces of the GLB (EXT_meshopt_compression): a quarter of their bytes or less; three.js opens it with its
+    /// MeshoptDecoder, Blender 3.4 does not
     #[arg(long)]
     pub compress: bool,
 }

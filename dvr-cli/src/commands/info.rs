@@ -5,7 +5,7 @@ use std::process::ExitCode;
 use anyhow::Result;
 use dvr_core::Cancellation;
 use dvr_core::hull::{Bounds, HullSettings, MaskDistance, OutlineContradictions, VisualHull, silhouette_consistency};
-use dvr_core::{Advice, HOLD_OUT_EVERY, Orbit, Scene, Side, Split, UnitCube, View};
+use dvr_core::{Advice, HOLD_OUT_EVERY, Orbit, Scene, Side, Split, UnitCube, View, abbreviated};
 use serde::Serialize;
 
 use super::masks::are_missing;
@@ -17,9 +17,6 @@ const HULL_RESOLUTION: usize = 96;
 
 /// Share of a mask that the hull may leave unexplained without a warning.
 const UNEXPLAINED_WARNING: f64 = 0.02;
-
-/// How many views of a warning are named.
-const NAMED: usize = 3;
 
 /// Share of the hull that may lie beyond the region of interest without a warning.
 const BEYOND_WARNING: f64 = 0.05;
@@ -155,14 +152,11 @@ fn look(scene: &Scene, rule: String) -> Result<Info> {
 fn unexplained_warning(mut views: Vec<(&str, f64)>) -> Option<String> {
     views.sort_by(|(_, a), (_, b)| b.total_cmp(a));
     let (worst, _) = views.first()?;
-    let named: Vec<String> =
-        views.iter().take(NAMED).map(|(name, share)| format!("{name:?} ({:.1} %)", 100.0 * share)).collect();
-    let more = views.len() - named.len();
-    let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+    let named: Vec<String> = views.iter().map(|(name, share)| format!("{name:?} ({:.1} %)", 100.0 * share)).collect();
     Some(format!(
-        "no visual hull explains a part of the mask of {}{more}; check mask and camera of these views, or leave them out, as with \
+        "no visual hull explains a part of the mask of {}; check mask and camera of these views, or leave them out, as with \
          --ignore {worst}",
-        named.join(", ")
+        abbreviated(&named)
     ))
 }
 
@@ -287,7 +281,11 @@ mod tests {
         assert_eq!(unexplained_warning(Vec::new()), None);
         let said = unexplained_warning(vec![("a", 0.031)]).unwrap();
         assert!(said.contains("of \"a\" (3.1 %); check") && said.contains("--ignore a"), "{said}");
-        let said = unexplained_warning(vec![("a", 0.03), ("b", 0.5), ("c", 0.2), ("d", 0.1), ("e", 0.04)]).unwrap();
-        assert!(said.contains("\"b\" (50.0 %), \"c\" (20.0 %), \"d\" (10.0 %) and 2 more;"), "{said}");
+        let said =
+            unexplained_warning([("a", 0.03), ("b", 0.5)].into_iter().chain([("c", 0.02); 8]).collect()).unwrap();
+        assert!(
+            said.contains("of \"b\" (50.0 %), \"a\" (3.0 %), \"c\"") && said.contains(" and 2 more; check"),
+            "{said}"
+        );
     }
 }

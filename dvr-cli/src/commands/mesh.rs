@@ -5,10 +5,11 @@ use std::process::ExitCode;
 
 use anyhow::{Result, bail};
 use dvr_core::files::check_file;
-use dvr_core::mesh::{TexturedMesh, write_mesh, write_textured_mesh};
 use dvr_core::metrics::self_intersections;
 use dvr_core::{Cancellation, Similarity};
-use dvr_train::{RealSize, RunFolder, ViewSplit, method_of, object_mesh, photo_texture, surface_points};
+use dvr_train::{
+    RealSize, RunFolder, ViewSplit, method_of, object_mesh, photo_texture, surface_points, write_run_mesh,
+};
 
 use super::mesh_line::mesh_line;
 use super::real_size::KeptSize;
@@ -97,18 +98,14 @@ pub fn run(args: &MeshArgs, cancellation: &Cancellation) -> Result<ExitCode> {
     let crossing = self_intersections(&mesh, cancellation)?;
     println!("{}", mesh_line(mesh.vertices.len(), mesh.faces.len(), crossing));
     if let Some(simplification) = extracted.simplification {
-        println!("{}", simplified_to(mesh.faces.len(), &simplification.scaled(to_world.scale), options.isotropic));
+        println!("{}", simplified_to(mesh.faces.len(), &simplification.scaled(to_world.scale), options.remesh));
     }
     if let Some(textured) = &textured {
         println!("{}", sentence(&textured.report));
     }
     let textured = textured.map(|textured| textured.mesh.transformed(&to_export));
     for path in &targets {
-        match &textured {
-            _ if path.extension().is_some_and(|extension| extension == "ply") => write_mesh(path, &mesh)?,
-            Some(textured) => write_textured_mesh(path, textured, options.glb)?,
-            None => write_textured_mesh(path, &TexturedMesh::from(mesh.clone()), options.glb)?,
-        }
+        write_run_mesh(path, &mesh, textured.as_ref(), options.glb)?;
         println!("wrote {} ({} vertices, {} faces)", path.display(), mesh.vertices.len(), mesh.faces.len());
     }
     if let (Some(kept), None, false) = (kept, &args.out, args.object_space) {

@@ -58,7 +58,7 @@ pub fn surface_options(args: &SurfaceArgs, resolution: u32, cancellation: &Cance
         colors: ColorSource::Field,
         max_simplification: args.simplify,
         max_faces: args.faces.and_then(FaceBudget::limit),
-        isotropic: args.remesh,
+        remesh: args.remesh,
         cut: None,
         texture: None,
         ..base

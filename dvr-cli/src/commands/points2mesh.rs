@@ -9,7 +9,7 @@ use dvr_core::mesh::{Mesh, read_mesh_with_warnings, write_mesh};
 use dvr_core::metrics::Simplification;
 use dvr_core::{Cancellation, HOLD_OUT_EVERY, Scene, ViewSplit, stereo_cloud};
 use dvr_sfm::{PoissonOptions, poisson_surface};
-use dvr_train::{Observer, method_by_name, over_budget};
+use dvr_train::{Observer, method_by_name, with_faces};
 
 use super::simplified::simplified_to;
 use super::{SceneReading, print_notes, refinement_notes};
@@ -26,10 +26,9 @@ pub fn run(args: &Points2MeshArgs, cancellation: &Cancellation) -> Result<ExitCo
     let options = PoissonOptions { cancellation: cancellation.clone(), ..args.options() };
     let mut surface = poisson_surface(&cloud, &options).with_context(|| args.cloud.display().to_string())?;
     println!("{} points became {} faces", cloud.vertices.len(), surface.faces.len());
-    let most = args.faces.and_then(FaceBudget::limit);
-    if let Some(most) = most.filter(|&most| surface.faces.len() > most) {
-        let simple = surface.within_faces(most);
-        print_notes(over_budget(&simple, most).as_slice());
+    let mut notes = Vec::new();
+    if let Some(simple) = with_faces(&surface, args.faces.and_then(FaceBudget::limit), false, &mut notes) {
+        print_notes(&notes);
         println!("{}", simplified_to(simple.faces.len(), &Simplification::between(&surface, &simple), false));
         surface = simple;
     }

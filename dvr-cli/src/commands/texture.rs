@@ -9,7 +9,7 @@ use dvr_core::mesh::{read_mesh_with_warnings, write_textured_mesh};
 use dvr_core::metrics::Simplification;
 use dvr_core::{Cancellation, HOLD_OUT_EVERY, Scene, View, ViewSplit};
 use dvr_texture::{NormalMapReport, PARTS, TextureError, TextureReport, bake_normals, texture_mesh};
-use dvr_train::{HostMemory, Observer, over_budget};
+use dvr_train::{HostMemory, Observer, with_faces};
 
 use super::real_size::refuse_metres;
 use super::simplified::simplified_to;
@@ -45,16 +45,9 @@ pub fn run(args: &TextureArgs, cancellation: &Cancellation) -> Result<ExitCode> 
     let mut mesh = found.mesh.transformed(&scene.object_to_world.inverse());
     // What it is simplified from, and how far that moves the surface.
     let mut full = None;
-    let (all, most) = (mesh.faces.len(), args.preset.max_faces(args.faces));
-    let simple = if args.remesh {
-        Some(mesh.isotropic(most.map_or(all, |most| most.min(all))))
-    } else {
-        let simple = most.filter(|&most| all > most).map(|most| (mesh.within_faces(most), most));
-        simple.map(|(simple, most)| {
-            print_notes(over_budget(&simple, most).as_slice());
-            simple
-        })
-    };
+    let mut notes = Vec::new();
+    let simple = with_faces(&mesh, args.preset.max_faces(args.faces), args.remesh, &mut notes);
+    print_notes(&notes);
     if let Some(simple) = simple {
         let moved = Simplification::between(&mesh, &simple);
         let simplification = moved.scaled(scene.object_to_world.scale);

@@ -31,6 +31,23 @@ pub(super) struct RawScene {
     pub warnings: Vec<String>,
 }
 
+impl RawScene {
+    /// Of views in the world, whose files say nothing else.
+    pub fn new(format: &'static str, root: PathBuf, cameras: PathBuf, views: Vec<RawView>) -> Self {
+        Self {
+            format,
+            root,
+            cameras,
+            views,
+            files_to_world: Similarity::default(),
+            object_bounds: ObjectBounds::Unknown,
+            sparse_points: None,
+            ground_truth: GroundTruth::default(),
+            warnings: Vec::new(),
+        }
+    }
+}
+
 /// Where the files say that the object is.
 #[derive(Clone, Copy)]
 pub(super) enum ObjectBounds {

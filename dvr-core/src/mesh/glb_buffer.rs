@@ -152,10 +152,12 @@ impl GlbBuffer {
 
     /// Texture coordinates whose origin is the picture's top left, as glTF has them.
     pub fn uvs(&mut self, uvs: &[Vec2]) -> usize {
+        let is_within = uvs.iter().all(|uv| uv.cmpge(Vec2::ZERO).all() && uv.cmple(Vec2::ONE).all());
         let uvs = uvs.iter().map(|uv| [uv.x, 1.0 - uv.y]);
         let numbers = match self.compressed {
-            Some(_) => Numbers::shares(uvs, "VEC2"),
-            None => Numbers::floats(uvs.flatten(), "VEC2"),
+            Some(_) if is_within => Numbers::shares(uvs, "VEC2"),
+            // Where a texture repeats, steps in [0, 1] do not do.
+            _ => Numbers::floats(uvs.flatten(), "VEC2"),
         };
         self.attribute(&numbers)
     }

@@ -1,6 +1,8 @@
 //! From a trained field to a mesh in the world of the files.
 
-use dvr_core::mesh::{GlbStyle, Mesh, connected_components};
+use std::path::Path;
+
+use dvr_core::mesh::{GlbStyle, Mesh, TexturedMesh, connected_components, write_mesh, write_textured_mesh};
 use dvr_core::metrics::Simplification;
 use dvr_core::{Camera, HalfSpace, Similarity, View, Visibility};
 use dvr_render::extract::ExtractError;
@@ -38,9 +40,8 @@ pub struct MeshOptions {
     /// How many faces the mesh may have, 4 at least; `None` keeps them all. Charts, texture and colours are those of the
     /// simple mesh.
     pub max_faces: Option<usize>,
-    /// Whether the mesh has triangles near equilateral instead ([`Mesh::isotropic`]): about as many as it may have, or has, and
-    /// as much simplification as that takes.
-    pub isotropic: bool,
+    /// Whether the mesh gets triangles near equilateral ([`Mesh::remeshed`]), about as many as it may have, or has.
+    pub remesh: bool,
     /// The half of object space that the mesh is cut to, before it is simplified and coloured; caps close the cut.
     pub cut: Option<HalfSpace>,
     /// How photographs become the texture of a run's mesh; `None` for none. Colours of the field
@@ -172,19 +173,9 @@ fn simplified(
     options: &MeshOptions,
     warnings: &mut Vec<String>,
 ) -> (Mesh, Option<Mesh>, Option<Simplification>) {
-    let mut simple = None;
-    if options.isotropic {
-        let all = full.faces.len();
-        simple = Some(full.isotropic(options.max_faces.map_or(all, |most| most.min(all))));
-    } else if options.max_simplification > 0.0 {
-        simple = Some(full.simplified(options.max_simplification));
-    }
-    let budget = options.max_faces.filter(|_| !options.isotropic);
-    if let Some(most) = budget.filter(|&most| simple.as_ref().unwrap_or(&full).faces.len() > most) {
-        let within = simple.as_ref().unwrap_or(&full).within_faces(most);
-        warnings.extend(over_budget(&within, most));
-        simple = Some(within);
-    }
+    let within_distance = (options.max_simplification > 0.0).then(|| full.simplified(options.max_simplification));
+    let before = within_distance.as_ref().unwrap_or(&full);
+    let simple = with_faces(before, options.max_faces, options.remesh, warnings).or(within_distance);
     match simple {
         None => (full, None, None),
         Some(simple) => {
@@ -194,15 +185,35 @@ fn simplified(
     }
 }
 
-/// What to say of a mesh that has more faces than it was given.
-pub fn over_budget(simple: &Mesh, most: usize) -> Option<String> {
+/// The mesh with the triangles that are asked for: at most so many, or, remeshed, about so many of one size. `None` where it stays
+/// as it is.
+pub fn with_faces(mesh: &Mesh, most: Option<usize>, remesh: bool, warnings: &mut Vec<String>) -> Option<Mesh> {
+    let all = mesh.faces.len();
+    if remesh {
+        return Some(mesh.remeshed(most.map_or(all, |most| most.min(all))));
+    }
+    let most = most.filter(|&most| all > most)?;
+    let simple = mesh.within_faces(most);
     let faces = simple.faces.len();
-    (faces > most).then(|| {
+    if faces > most {
         let components = connected_components(simple.vertices.len(), &simple.faces).1;
-        format!(
+        warnings.push(format!(
             "the mesh has {faces} faces, more than {most}: its {components} component(s) cannot be simplified further"
-        )
-    })
+        ));
+    }
+    Some(simple)
+}
+
+/// Writes a run's mesh by the path's extension: PLY with colours per vertex, GLB and OBJ with the texture where there is one.
+///
+/// # Errors
+/// When the file cannot be written.
+pub fn write_run_mesh(path: &Path, mesh: &Mesh, textured: Option<&TexturedMesh>, glb: GlbStyle) -> Result<()> {
+    Ok(match textured {
+        _ if path.extension().is_some_and(|extension| extension == "ply") => write_mesh(path, mesh),
+        Some(textured) => write_textured_mesh(path, textured, glb),
+        None => write_textured_mesh(path, &TexturedMesh::from(mesh.clone()), glb),
+    }?)
 }
 
 /// The mesh in the coordinates and units of the scene's own files.

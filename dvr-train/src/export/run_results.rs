@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use dvr_core::mesh::{GlbStyle, Mesh, TexturedMesh, write_mesh, write_textured_mesh};
+use dvr_core::mesh::{GlbStyle, Mesh, TexturedMesh};
 use dvr_core::metrics::points::PointsSettings;
 use dvr_core::metrics::self_intersections;
 use dvr_core::{Camera, Cancellation, Exposure, Scene, Similarity, VerifiedPoints, View, ViewSplit};
@@ -11,7 +11,7 @@ use image::RgbImage;
 
 use crate::error::{Error, Result};
 use crate::evaluate::{DepthMapsEvaluation, PointsEvaluation, evaluate_shape};
-use crate::export::mesh::{MeshOptions, ObjectMesh, object_mesh, world_mesh};
+use crate::export::mesh::{MeshOptions, ObjectMesh, object_mesh, world_mesh, write_run_mesh};
 use crate::export::pictures::{ChosenPictures, store_pictures};
 use crate::export::preview::preview_sheet;
 use crate::export::real_size::RealSize;
@@ -179,10 +179,8 @@ impl RunResults {
     /// When a file cannot be written.
     pub fn save(&self, folder: &RunFolder) -> Result<()> {
         if let Some(mesh) = &self.mesh {
-            write_mesh(folder.mesh_ply(), mesh)?;
-            match &self.textured {
-                Some(textured) => write_textured_mesh(folder.mesh_glb(), textured, self.glb)?,
-                None => write_textured_mesh(folder.mesh_glb(), &TexturedMesh::from(mesh.clone()), self.glb)?,
+            for path in [folder.mesh_ply(), folder.mesh_glb()] {
+                write_run_mesh(&path, mesh, self.textured.as_ref(), self.glb)?;
             }
         }
         store_pictures(self.pictures.as_ref(), &self.object_to_mesh, folder)?;

@@ -48,7 +48,7 @@ pub static READERS: &[Reader] = &[
     Reader { name: "colmap_text", anatomy: Anatomy::Parts, seeds: scenes::colmap_text, prepare: scenes::put_pictures, read: colmap_text },
     Reader { name: "colmap_binary", anatomy: Anatomy::Parts, seeds: scenes::colmap_binary, prepare: scenes::put_pictures, read: colmap_binary },
     Reader { name: "middlebury", anatomy: Anatomy::Text, seeds: scenes::middlebury, prepare: scenes::put_pictures, read: |folder, bytes| scene(folder, "a_par.txt", bytes) },
-    Reader { name: "llff", anatomy: Anatomy::Text, seeds: scenes::llff, prepare: scenes::put_pictures, read: |folder, bytes| scene(folder, "poses_bounds.npy", bytes) },
+    Reader { name: "llff", anatomy: Anatomy::Bytes, seeds: scenes::llff, prepare: scenes::put_pictures, read: |folder, bytes| scene(folder, "poses_bounds.npy", bytes) },
     Reader { name: "cameras_npz", anatomy: Anatomy::Zip, seeds: scenes::cameras_npz, prepare: scenes::put_pictures, read: |folder, bytes| scene(folder, "cameras.npz", bytes) },
     Reader { name: "object_npz", anatomy: Anatomy::Parts, seeds: scenes::object_npz, prepare: scenes::put_object, read: object_npz },
     Reader { name: "object_lists", anatomy: Anatomy::Parts, seeds: scenes::object_lists, prepare: scenes::put_objects, read: object_lists },

@@ -17,7 +17,7 @@ use crate::dataset::pairing::{camera_indices, folder_of, list_files, pictures, v
 use crate::dataset::raw_scene::{Coordinates, ObjectBounds, Projection, RawScene, RawView};
 use crate::error::{Error, Result};
 use crate::npz::NpzFile;
-use crate::scene::{GroundTruth, Split};
+use crate::scene::Split;
 
 /// IDR and NeuS: `cameras_sphere.npz` or `cameras.npz` with `world_mat_i` = K\[R|t\] in pixels, and `scale_mat_i`.
 pub(super) const LAYOUT: Layout = Layout {
@@ -55,17 +55,7 @@ fn find(path: &Path, _: &ReadOptions) -> Result<RawScene> {
         Some(name) => ObjectBounds::Bound(sphere_to_cube(&mut npz, &name)?),
         None => ObjectBounds::Unknown,
     };
-    Ok(RawScene {
-        format: "IDR/NeuS",
-        root,
-        cameras,
-        views,
-        files_to_world: Similarity::default(),
-        object_bounds,
-        sparse_points: None,
-        ground_truth: GroundTruth::default(),
-        warnings: Vec::new(),
-    })
+    Ok(RawScene { object_bounds, ..RawScene::new("IDR/NeuS", root, cameras, views) })
 }
 
 /// The similarity of the cube around the sphere: it is two radii wide, ours is one unit.

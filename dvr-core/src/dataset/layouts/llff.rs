@@ -9,15 +9,14 @@ use std::path::{Path, PathBuf};
 use glam::{DMat3, DVec3};
 
 use super::layout::Layout;
-use crate::camera::Similarity;
 use crate::dataset::masks::find_masks;
 use crate::dataset::object_files::image_folder;
 use crate::dataset::options::ReadOptions;
 use crate::dataset::pairing::{folder_of, list_files, pictures, view_names};
-use crate::dataset::raw_scene::{ObjectBounds, Projection, RawScene, RawView, is_rotation};
+use crate::dataset::raw_scene::{Projection, RawScene, RawView, is_rotation};
 use crate::error::{Error, Result};
 use crate::npz::read_npy;
-use crate::scene::{GroundTruth, Split};
+use crate::scene::Split;
 
 /// The file with the cameras.
 const CAMERAS: &str = "poses_bounds.npy";
@@ -76,17 +75,7 @@ fn find(path: &Path, _: &ReadOptions) -> Result<RawScene> {
             .map_err(|problem| Error::format(&cameras, format!("the camera of `{name}` {problem}"), REMEDY))?;
         views.push(RawView { name, image, mask, depth: None, projection, lens: None, split: Split::Train });
     }
-    Ok(RawScene {
-        format: "LLFF",
-        root,
-        cameras,
-        views,
-        files_to_world: Similarity::default(),
-        object_bounds: ObjectBounds::Unknown,
-        sparse_points: None,
-        ground_truth: GroundTruth::default(),
-        warnings: Vec::new(),
-    })
+    Ok(RawScene::new("LLFF", root, cameras, views))
 }
 
 /// Of a row; the error is what is wrong with it.

@@ -9,14 +9,13 @@ use std::path::{Path, PathBuf};
 use glam::{DMat3, DVec3};
 
 use super::layout::Layout;
-use crate::camera::Similarity;
 use crate::dataset::masks::find_masks;
 use crate::dataset::options::ReadOptions;
 use crate::dataset::pairing::{folder_of, list_files, view_names};
-use crate::dataset::raw_scene::{ObjectBounds, Projection, RawScene, RawView, is_rotation};
+use crate::dataset::raw_scene::{Projection, RawScene, RawView, is_rotation};
 use crate::error::{Error, Result};
 use crate::files::read_text;
-use crate::scene::{GroundTruth, Split};
+use crate::scene::Split;
 
 /// Whether pixel centres have integer coordinates, as in the calibration toolboxes of the time.
 ///
@@ -76,17 +75,7 @@ fn find(path: &Path, _: &ReadOptions) -> Result<RawScene> {
             split: Split::Train,
         })
         .collect();
-    Ok(RawScene {
-        format: "Middlebury",
-        root,
-        cameras,
-        views,
-        files_to_world: Similarity::default(),
-        object_bounds: ObjectBounds::Unknown,
-        sparse_points: None,
-        ground_truth: GroundTruth::default(),
-        warnings: Vec::new(),
-    })
+    Ok(RawScene::new("Middlebury", root, cameras, views))
 }
 
 fn parse_line(line: &str, file: &Path) -> Result<(PathBuf, Projection)> {

@@ -1,8 +1,8 @@
-//! Triangles near equilateral for the same surface, by incremental remeshing: long edges are split, short ones collapsed,
+//! Triangles near equilateral for the same surface, by isotropic remeshing: long edges are split, short ones collapsed,
 //! valences made even by flips, and vertices moved along the surface (Botsch and Kobbelt, *A remeshing approach to
 //! multiresolution modeling*, 2004).
 
-mod patch;
+mod dynamic_mesh;
 
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
@@ -11,7 +11,7 @@ use super::simplify::LEAST_FACES;
 use super::triangle_mesh::Mesh;
 use super::weld::welded;
 use crate::bvh::Bvh;
-use patch::{Patch, normal};
+use dynamic_mesh::{DynamicMesh, normal};
 
 /// How often all edges are looked at.
 const ROUNDS: usize = 8;
@@ -22,13 +22,13 @@ const SHORT: f32 = 4.0 / 5.0;
 
 impl Mesh {
     /// The same surface with about `faces` triangles, at least [`LEAST_FACES`], all about the same size and near equilateral, as
-    /// simulation wants them.
+    /// simulation wants them: isotropic remeshing.
     ///
-    /// A closed mesh stays closed. Vertices within smooth parts lie on the surface that was; along borders, and along edges where it turns by
-    /// more than 40 degrees, they stay, so that sharp edges and corners are kept as far as the new triangles are fine enough.
-    /// Long needles that become a few large faces leave some slivers. What is known of vertices is taken from the nearest place. Vertices at one place are one where that closes seams.
+    /// A closed mesh stays closed. Vertices within smooth parts lie on the surface that was. Borders, and edges where it turns
+    /// by more than 40 degrees, are kept, as chords of what they were where they bend; so are their corners. What is known
+    /// of vertices is taken from the nearest place. Vertices at one place are one where that closes seams.
     #[must_use]
-    pub fn isotropic(&self, faces: usize) -> Self {
+    pub fn remeshed(&self, faces: usize) -> Self {
         let mesh = welded(self);
         let area: f64 = (0..mesh.faces.len()).map(|face| 0.5 * f64::from(normal(mesh.triangle(face)).length())).sum();
         if !(area > 0.0 && area.is_finite()) {
@@ -37,25 +37,25 @@ impl Mesh {
         let equilateral = area / faces.max(LEAST_FACES) as f64;
         let target = (4.0 * equilateral / 3f64.sqrt()).sqrt() as f32;
         let surface = Bvh::new(&mesh);
-        let mut patch = Patch::new(&mesh);
+        let mut dynamic = DynamicMesh::new(&mesh);
         for _ in 0..ROUNDS {
-            patch.split(LONG * target);
-            patch.collapse(SHORT * target, LONG * target);
-            patch.flip();
-            let moved: Vec<Option<Vec3>> = (0..patch.vertices() as u32)
+            dynamic.split(LONG * target);
+            dynamic.collapse(SHORT * target, LONG * target);
+            dynamic.flip();
+            let moved: Vec<Option<Vec3>> = (0..dynamic.vertices() as u32)
                 .into_par_iter()
                 .map(|vertex| {
-                    let nearest = surface.nearest(patch.relaxed(vertex)?.as_dvec3())?;
+                    let nearest = surface.nearest(dynamic.relaxed(vertex)?.as_dvec3())?;
                     Some(nearest.position.as_vec3())
                 })
                 .collect();
             (0..).zip(moved).for_each(|(vertex, to)| {
                 if let Some(to) = to {
-                    patch.move_to(vertex, to);
+                    dynamic.move_to(vertex, to);
                 }
             });
         }
-        let (vertices, faces) = patch.finished();
+        let (vertices, faces) = dynamic.finished();
         known_from(&mesh, &surface, vertices, faces)
     }
 }

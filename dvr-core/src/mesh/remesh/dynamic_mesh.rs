@@ -1,4 +1,6 @@
-//! A surface whose edges are split, collapsed and flipped.
+//! A mesh whose edges are split, collapsed and flipped.
+
+use std::collections::HashSet;
 
 use glam::Vec3;
 
@@ -23,11 +25,19 @@ pub(super) fn normal([a, b, c]: [Vec3; 3]) -> Vec3 {
 
 /// Vertices, faces, and which faces each vertex has. Faces that are gone have [`GONE`] for corners, vertices that are gone no
 /// faces.
-pub(super) struct Patch {
+pub(super) struct DynamicMesh {
     positions: Vec<Vec3>,
     faces: Vec<[u32; 3]>,
     /// The faces around each vertex, in no order that means something.
     around: Vec<Vec<u32>>,
+    /// Edges where the surface turned before anything was changed, the smaller vertex first. (Fewer, larger faces turn more,
+    /// and mean nothing by it.)
+    creases: HashSet<(u32, u32)>,
+}
+
+/// An edge, the smaller vertex first.
+fn edge(a: u32, b: u32) -> (u32, u32) {
+    (a.min(b), a.max(b))
 }
 
 /// What may happen to a vertex.
@@ -41,7 +51,7 @@ enum Kind {
     Fixed,
 }
 
-impl Patch {
+impl DynamicMesh {
     pub fn new(mesh: &Mesh) -> Self {
         let mut around = vec![Vec::new(); mesh.vertices.len()];
         let is_face = |[a, b, c]: &[u32; 3]| a != b && b != c && c != a;
@@ -49,7 +59,9 @@ impl Patch {
         for (face, corners) in (0..).zip(&faces) {
             corners.iter().for_each(|&corner| around[corner as usize].push(face));
         }
-        Self { positions: mesh.vertices.clone(), faces, around }
+        let mut dynamic = Self { positions: mesh.vertices.clone(), faces, around, creases: HashSet::new() };
+        dynamic.creases = dynamic.edges().into_iter().filter(|&(a, b)| dynamic.turns(a, b)).collect();
+        dynamic
     }
 
     /// How many vertices there are, with those that are gone.
@@ -77,7 +89,7 @@ impl Patch {
     fn edges(&self) -> Vec<(u32, u32)> {
         let left = self.faces.iter().filter(|face| face[0] != GONE);
         let mut edges: Vec<(u32, u32)> =
-            left.flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)]).map(|(a, b)| (a.min(b), a.max(b))).collect();
+            left.flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)]).map(|(a, b)| edge(a, b)).collect();
         edges.sort_unstable();
         edges.dedup();
         edges
@@ -99,17 +111,21 @@ impl Patch {
         found
     }
 
-    /// Whether an edge is kept: a border, where more than two sheets meet, and where the surface turns.
-    fn is_crease(&self, faces: &[u32]) -> bool {
-        let [one, other] = faces else { return true };
-        let normals = [one, other].map(|&face| normal(self.corners(face)).normalize_or_zero());
+    /// Whether the surface turns at an edge.
+    fn turns(&self, a: u32, b: u32) -> bool {
+        let [one, other] = self.faces_at(a, b)[..] else { return false };
+        let normals = [one, other].map(|face| normal(self.corners(face)).normalize_or_zero());
         normals[0].dot(normals[1]) < CREASE
+    }
+
+    /// Whether an edge is kept: a border, where more than two sheets meet, and where the surface turned.
+    fn is_kept(&self, a: u32, b: u32) -> bool {
+        self.creases.contains(&edge(a, b)) || self.faces_at(a, b).len() != 2
     }
 
     fn kind(&self, vertex: u32) -> Kind {
         let neighbours = self.neighbours(vertex);
-        let creases: Vec<u32> =
-            neighbours.iter().copied().filter(|&other| self.is_crease(&self.faces_at(vertex, other))).collect();
+        let creases: Vec<u32> = neighbours.iter().copied().filter(|&other| self.is_kept(vertex, other)).collect();
         // A disk, or a half of one at a border.
         let is_disk = neighbours.len() <= self.around[vertex as usize].len() + usize::from(creases.len() == 2);
         match creases[..] {
@@ -140,6 +156,9 @@ impl Patch {
         let middle = self.positions.len() as u32;
         self.positions.push((self.positions[a as usize] + self.positions[b as usize]) / 2.0);
         self.around.push(Vec::new());
+        if self.creases.remove(&edge(a, b)) {
+            self.creases.extend([edge(a, middle), edge(middle, b)]);
+        }
         for face in self.faces_at(a, b) {
             let corners = self.faces[face as usize];
             let with =
@@ -155,7 +174,7 @@ impl Patch {
         }
     }
 
-    /// Collapses edges below this length where that keeps the surface and makes no edge longer than `long`.
+    /// Collapses edges below this length where that keeps the surface and makes no edge longer than `long` that was not.
     ///
     /// The shortest come first, and no vertex takes part twice before all others could: else one would be dragged along a
     /// row of its neighbours.
@@ -187,15 +206,15 @@ impl Patch {
             return false;
         }
         let kinds = [a, b].map(|vertex| self.kind(vertex));
-        let is_crease = self.is_crease(&shared);
+        let is_kept = self.is_kept(a, b);
         let [from, to] = [a, b].map(|vertex| self.positions[vertex as usize]);
         // What is gone, what is left, and where.
         let (gone, left, place) = match kinds {
             [Kind::Free, Kind::Free] => (a, b, (from + to) / 2.0),
             [Kind::Free, _] => (a, b, to),
             [_, Kind::Free] => (b, a, from),
-            [Kind::OnCrease, _] if is_crease => (a, b, to),
-            [_, Kind::OnCrease] if is_crease => (b, a, from),
+            [Kind::OnCrease, _] if is_kept => (a, b, to),
+            [_, Kind::OnCrease] if is_kept => (b, a, from),
             _ => return false,
         };
         // The link condition (Dey et al. 1999): what both have for neighbours are the corners across.
@@ -204,8 +223,13 @@ impl Patch {
         if common.len() != shared.len() || common.iter().any(|&other| self.around[other as usize].len() <= 3) {
             return false;
         }
-        let mut all = ours.iter().chain(&theirs).filter(|&&other| other != gone && other != left);
-        if all.any(|&other| self.positions[other as usize].distance(place) > long) {
+        // What was long before may stay so: else needles could not become anything.
+        let lengthens = |vertex: u32, neighbours: &[u32]| {
+            let others = neighbours.iter().filter(|&&other| other != gone && other != left);
+            let mut others = others.map(|&other| self.positions[other as usize]);
+            others.any(|other| other.distance(place) > long.max(other.distance(self.positions[vertex as usize])))
+        };
+        if lengthens(gone, &ours) || lengthens(left, &theirs) {
             return false;
         }
         let turns = |vertex: u32| {
@@ -216,6 +240,11 @@ impl Patch {
             return false;
         }
         self.positions[left as usize] = place;
+        for other in ours {
+            if self.creases.remove(&edge(gone, other)) && other != left {
+                self.creases.insert(edge(left, other));
+            }
+        }
         for face in std::mem::take(&mut self.around[gone as usize]) {
             let corners = self.faces[face as usize];
             if shared.contains(&face) {
@@ -244,7 +273,7 @@ impl Patch {
     pub fn flip(&mut self) {
         for (a, b) in self.edges() {
             let [one, other] = self.faces_at(a, b)[..] else { continue };
-            if self.is_crease(&[one, other]) {
+            if self.is_kept(a, b) {
                 continue;
             }
             // `one` is the face in which b follows a.

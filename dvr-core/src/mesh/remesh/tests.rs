@@ -34,8 +34,8 @@ fn slivers() -> Mesh {
 fn triangles_are_near_equilateral_and_as_many_as_asked_for() {
     let before = slivers();
     assert!(regularity(&before).0 < 0.5);
-    for faces in [4000, 16_000] {
-        let found = before.isotropic(faces);
+    for faces in [1000, 4000, 16_000] {
+        let found = before.remeshed(faces);
         let (mean, poor) = regularity(&found);
         assert!(mean > 0.93 && poor < 0.01, "{faces}: {mean}, {poor}");
         let ratio = found.faces.len() as f32 / faces as f32;
@@ -48,20 +48,20 @@ fn triangles_are_near_equilateral_and_as_many_as_asked_for() {
 #[test]
 fn the_surface_stays_where_it_was() {
     let ball = shapes::icosphere(5, 0.4);
-    let found = ball.isotropic(5000);
+    let found = ball.remeshed(5000);
     let moved = Simplification::between(&ball, &found);
     // Flat triangles of this size leave a ball of this radius by as much.
     assert!(moved.max_distance < 1.5e-3 && moved.open_edges == 0, "{moved:?}");
     assert!(found.vertices.iter().all(|vertex| (vertex.length() - 0.4).abs() < 5e-4));
-    assert_eq!(found, ball.isotropic(5000));
+    assert_eq!(found, ball.remeshed(5000));
     let threads = |count| rayon::ThreadPoolBuilder::new().num_threads(count).build().unwrap();
-    assert_eq!(threads(1).install(|| ball.isotropic(800)), threads(3).install(|| ball.isotropic(800)));
+    assert_eq!(threads(1).install(|| ball.remeshed(800)), threads(3).install(|| ball.remeshed(800)));
 }
 
 #[test]
 fn sharp_edges_corners_and_borders_are_kept() {
     let cube = shapes::cuboid(Vec3::splat(-0.4), Vec3::splat(0.4));
-    let found = cube.isotropic(3000);
+    let found = cube.remeshed(3000);
     let moved = Simplification::between(&cube, &found);
     assert!(moved.max_distance < 1e-5 && moved.open_edges == 0, "{moved:?}");
     assert!(regularity(&found).0 > 0.85, "{:?}", regularity(&found));
@@ -75,7 +75,7 @@ fn sharp_edges_corners_and_borders_are_kept() {
         ..Mesh::default()
     };
     for faces in [300, 500] {
-        let found = square.isotropic(faces);
+        let found = square.remeshed(faces);
         let moved = Simplification::between(&square, &found);
         assert!(moved.max_distance < 1e-6, "{moved:?}");
         assert!(square.vertices.iter().all(|corner| found.vertices.contains(corner)), "{faces}");
@@ -91,7 +91,7 @@ fn what_is_known_of_vertices_is_taken_from_the_nearest_place() {
     ball.colors = Some(ball.vertices.iter().map(|vertex| (*vertex + 0.5).to_array()).collect());
     let seen = |vertex: &Vec3| Observation { views: u16::from(vertex.z > 0.0), confidence: 0.5 };
     ball.observations = Some(ball.vertices.iter().map(seen).collect());
-    let found = ball.isotropic(2000);
+    let found = ball.remeshed(2000);
     let (normals, colors) = (found.normals.unwrap(), found.colors.unwrap());
     let observations = found.observations.unwrap();
     for (i, vertex) in found.vertices.iter().enumerate() {
@@ -104,20 +104,20 @@ fn what_is_known_of_vertices_is_taken_from_the_nearest_place() {
 #[test]
 fn meshes_without_area_are_returned_as_they_are() {
     let flat = Mesh { vertices: vec![Vec3::ZERO; 3], faces: vec![[0, 1, 2]], ..Mesh::default() };
-    assert_eq!(flat.isotropic(100), flat);
-    assert_eq!(Mesh::default().isotropic(100), Mesh::default());
+    assert_eq!(flat.remeshed(100), flat);
+    assert_eq!(Mesh::default().remeshed(100), Mesh::default());
     // Faces without area among others are nothing to stumble over.
     let mut ball = shapes::icosphere(3, 0.4);
     ball.faces.push([5, 5, 9]);
     ball.faces.push([7, 8, 7]);
-    let found = ball.isotropic(1000);
+    let found = ball.remeshed(1000);
     assert!(regularity(&found).0 > 0.9 && found.vertices.iter().all(|vertex| vertex.is_finite()));
     // Two boxes that touch in an edge, each closed.
     let touching = shapes::union([
         shapes::cuboid(Vec3::ZERO, Vec3::splat(0.3)),
         shapes::cuboid(Vec3::new(-0.3, -0.3, 0.0), Vec3::new(0.0, 0.0, 0.3)),
     ]);
-    let found = touching.isotropic(1500);
+    let found = touching.remeshed(1500);
     assert_eq!(found.open_edges(), 0);
     assert!(Simplification::between(&touching, &found).max_distance < 1e-5);
 }
