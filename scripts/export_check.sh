@@ -12,13 +12,15 @@
 #   more than .998 of their union. All three render pictures of 2048 pixels without antialiasing, of which each 4x4 are
 #   averaged. Blender: Cycles on the CPU, the view transform Standard. three.js: no tone mapping.
 #
+# Where MESH.usdz of the same mesh lies beside, three.js shows that, too.
+#
 # Pictures, side by side with their differences, lie in OUT/sheets, figures in OUT/figures.json. Exit code 1: something
 # differs. It needs Blender (3.4 or later) with numpy, Chromium, node and npm: `apt install blender python3-numpy chromium
 # nodejs npm`. Modules of npm are kept in $DVR_EXPORT_CACHE (~/.cache/dvr-export-check). Takes `dvr` from $DVR, else
 # target/release/dvr.
 set -eu
 
-[ $# -ge 2 ] || { sed -n '2,19s/^# \{0,1\}//p' "$0" >&2; exit 2; }
+[ $# -ge 2 ] || { sed -n '2,21s/^# \{0,1\}//p' "$0" >&2; exit 2; }
 root=$(cd "$(dirname "$0")/.." && pwd)
 here=$root/scripts/export_check
 mesh=$1
@@ -56,7 +58,10 @@ for orbit in above:25 below:-40; do
 done
 blender --background --factory-startup --python-exit-code 1 --python "$here/blender_render.py" -- \
     "$mesh" "$out" above below >"$out/blender.log" 2>&1 || { tail -n 20 "$out/blender.log" >&2; exit 1; }
-node "$here/three_render.mjs" "$cache" "$chromium" "$mesh" "$out" above below
+node "$here/three_render.mjs" "$cache" "$chromium" "$mesh" "$out" three above below
+rm -rf "$out/usdz"
+usdz=${mesh%.*}.usdz
+[ ! -f "$usdz" ] || node "$here/three_render.mjs" "$cache" "$chromium" "$usdz" "$out" usdz above below
 reference=${mesh%.*}.ply
 [ -f "$reference" ] || reference=$mesh
 # Blender's Python has numpy and reads pictures.

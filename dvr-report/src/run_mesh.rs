@@ -111,7 +111,7 @@ mod tests {
         let read = read_run_mesh(&folder, &to_world).unwrap();
         assert!(texture_of(&read).is_none() && read.mesh.colors.is_some());
 
-        write_textured_mesh(folder.mesh_glb(), &ball.clone().transformed(&to_world), Look::Baked).unwrap();
+        write_textured_mesh(folder.mesh_glb(), &ball.clone().transformed(&to_world), Look::Baked.into()).unwrap();
         let read = read_run_mesh(&folder, &to_world).unwrap();
         assert!(texture_of(&read).is_some() && read.mesh.colors.is_none(), "colours of vertices would multiply");
         assert_eq!(read.corner_uvs.len(), ball.corner_uvs.len());
@@ -122,7 +122,7 @@ mod tests {
             mesh: Mesh { vertices: ball.mesh.vertices.iter().map(|v| 1.1 * *v).collect(), ..ball.mesh.clone() },
             ..ball
         };
-        write_textured_mesh(folder.mesh_glb(), &other, Look::Baked).unwrap();
+        write_textured_mesh(folder.mesh_glb(), &other, Look::Baked.into()).unwrap();
         assert!(texture_of(&read_run_mesh(&folder, &to_world).unwrap()).is_none(), "that of another mesh");
     }
 

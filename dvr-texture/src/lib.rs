@@ -1,7 +1,7 @@
 //! Textures from posed photographs: the surface of any mesh cut into charts, and colours that agree with the pictures.
 //!
 //! ```
-//! use dvr_core::mesh::{TexturedMesh, shapes};
+//! use dvr_core::mesh::{MeshStyle, TexturedMesh, shapes, write_textured_mesh};
 //! use dvr_core::synth::{SynthConfig, render_dataset};
 //! use dvr_core::{Cancellation, Scene, View};
 //! use dvr_texture::{TextureSettings, texture_mesh};
@@ -19,7 +19,7 @@
 //! let views: Vec<&View> = scene.views.iter().collect();
 //! let textured = texture_mesh(&bare, &views, &TextureSettings::default(), &Cancellation::default(), |_, _| ())?;
 //! println!("{} charts on {} texels", textured.report.charts, textured.report.size);
-//! dvr_core::mesh::write_textured_mesh(folder.path().join("ball.glb"), &textured.mesh, Default::default())?;
+//! write_textured_mesh(folder.path().join("ball.glb"), &textured.mesh, MeshStyle::default())?;
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 

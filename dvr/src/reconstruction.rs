@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use dvr_core::mesh::{GlbStyle, Mesh, TexturedMesh, shapes};
+use dvr_core::mesh::{Mesh, MeshStyle, TexturedMesh, shapes};
 use dvr_core::synth::{SynthConfig, render_dataset};
 use dvr_core::{Cancellation, Scene, refine_masks};
 use dvr_train::{
@@ -20,20 +20,20 @@ pub struct Reconstruction {
     pub mesh: Mesh,
     /// The same with a texture from the photographs; `None` where [`Options::mesh`] asks for none.
     pub textured: Option<TexturedMesh>,
-    /// How it is written as GLB, as [`Options::mesh`] says.
-    pub glb: GlbStyle,
+    /// How it is written, as [`Options::mesh`] says.
+    pub style: MeshStyle,
     /// Figures, notes and warnings.
     pub report: RunMetrics,
 }
 
 impl Reconstruction {
-    /// Writes the mesh; the ending says how: `.ply` with colours per vertex, `.glb` or `.obj` with the texture where there
-    /// is one.
+    /// Writes the mesh; the ending says how: `.ply` with colours per vertex, `.glb`, `.usdz` or `.obj` with the texture
+    /// where there is one.
     ///
     /// # Errors
     /// When the file cannot be written.
     pub fn save_mesh(&self, path: &Path) -> Result<()> {
-        write_run_mesh(path, &self.mesh, self.textured.as_ref(), self.glb)
+        write_run_mesh(path, &self.mesh, self.textured.as_ref(), self.style)
     }
 }
 
@@ -79,10 +79,10 @@ pub fn reconstruct_observed(
         ..RunOptions::new(folder.clone(), options.device.clone())
     };
     let trained = train(&mut scene, method, None, &run, observer)?;
-    let RunResults { mesh, textured, glb, metrics, .. } =
+    let RunResults { mesh, textured, style, metrics, .. } =
         finish(&scene, method, &trained, &folder, &options.mesh, observer)?;
     let Trained { model, .. } = trained;
-    Ok(Reconstruction { field: model, mesh: mesh.unwrap_or_default(), textured, glb, report: metrics })
+    Ok(Reconstruction { field: model, mesh: mesh.unwrap_or_default(), textured, style, report: metrics })
 }
 
 /// Renders a small scene, a ball seen from eight sides, into `folder`: something to try [`reconstruct`] on.

@@ -2,6 +2,7 @@
 
     blender --background --factory-startup --python compare.py -- MESH.glb REFERENCE OUT ORBIT...
 
+What three.js makes of a USDZ lies in OUT/usdz where there is one.
 REFERENCE has the extent that is expected: a PLY as this program writes it, or the GLB itself.
 """
 
@@ -14,6 +15,8 @@ import bpy
 import numpy as np
 
 mesh_file, reference, out, *orbits = sys.argv[sys.argv.index("--") + 1 :]
+
+programs = ["blender", "three"] + ["usdz"] * os.path.isdir(os.path.join(out, "usdz"))
 
 # Pixels along the edge of the block that is averaged.
 BLOCK = 4
@@ -92,7 +95,7 @@ def compare_pictures():
             color, covered = ours(orbit, name)
             mean, object_share = averaged(color), averaged(covered[..., None].astype(np.float32))[..., 0]
             sheet = [mean]
-            for program in ("blender", "three"):
+            for program in programs:
                 other_color, other_covered = on_white(picture(os.path.join(out, program, orbit, name)))
                 other = averaged(other_color)
                 other_share = averaged(other_covered[..., None].astype(np.float32))[..., 0]
@@ -166,7 +169,7 @@ def compare_names(scenes):
     base = [m["pbrMetallicRoughness"].get("baseColorTexture") for m in gltf["materials"]]
     base = [texture for texture in base if texture]
     shown = {**gltf, "images": [gltf["images"][gltf["textures"][texture["index"]]["source"]] for texture in base]}
-    for program, scene in scenes.items():
+    for program, scene in ((program, scenes[program]) for program in ("blender", "three")):
         for kind, names in scene["names"].items():
             # three.js knows meshes by the names of their nodes.
             expected = [item.get("name") for item in shown.get(kind, [])]
@@ -179,7 +182,7 @@ def compare_names(scenes):
 
 def main():
     scenes = {}
-    for program in ("blender", "three"):
+    for program in programs:
         with open(os.path.join(out, program, "scene.json")) as file:
             scenes[program] = json.load(file)
     compare_names(scenes)

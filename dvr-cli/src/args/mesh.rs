@@ -72,7 +72,7 @@ pub struct MeshingArgs {
 pub struct MeshArgs {
     /// Folder of a run, or one of its checkpoints
     pub run: PathBuf,
-    /// Output file, .ply, .obj or .glb [default: mesh.ply and mesh.glb in the run]
+    /// Output file, .ply, .obj, .glb or .usdz [default: mesh.ply and mesh.glb in the run]
     #[arg(long, short, value_name = "FILE")]
     pub out: Option<PathBuf>,
     /// Replace the file at --out

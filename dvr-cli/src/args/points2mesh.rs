@@ -17,7 +17,7 @@ pub struct Points2MeshArgs {
     /// cameras file), whose points are those of the stereo depth maps that `dvr train` starts from
     #[arg(value_name = "CLOUD|SCENE")]
     pub cloud: PathBuf,
-    /// Output file: .ply, .glb or .obj
+    /// Output file: .ply, .glb, .usdz or .obj
     #[arg(long, short, value_name = "FILE")]
     pub out: PathBuf,
     /// Replace the file at --out

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
-use dvr_core::mesh::{GlbStyle, Look};
+use dvr_core::mesh::{Look, MeshStyle};
 use dvr_texture::{SIZES, TextureSettings, TextureSize};
 
 use super::faces::{FaceBudget, parse_faces};
@@ -20,7 +20,7 @@ pub struct TextureArgs {
     /// Scene whose photographs give the colours
     #[arg(long, value_name = "SCENE")]
     pub data: PathBuf,
-    /// Output file, .glb (texture inside) or .obj (with .mtl and .png beside it)
+    /// Output file, .glb or .usdz (texture inside), or .obj (with .mtl and .png beside it)
     #[arg(long, short, value_name = "FILE")]
     pub out: PathBuf,
     /// Replace the files at --out
@@ -82,7 +82,7 @@ impl LookArg {
 #[derive(Args, Clone, Copy, Debug)]
 #[command(next_help_heading = "Mesh")]
 pub struct TextureArg {
-    /// Texture of the GLB (and of OBJ with `dvr mesh`) from the photographs: off, auto, at which a texel is about as large
+    /// Texture of the GLB (and of OBJ and USDZ with `dvr mesh`) from the photographs: off, auto, at which a texel is about as large
     /// as a pixel, less where memory is short, or texels along its edge [128 to 16384; default: auto]. It costs some
     /// seconds at the end; PLY has colours per vertex
     #[arg(long, value_parser = parse_texture, value_name = "N")]
@@ -91,14 +91,14 @@ pub struct TextureArg {
     pub finish: FinishArgs,
 }
 
-/// What a GLB with a texture says besides.
+/// What a file with a texture says besides.
 #[derive(Args, Clone, Copy, Debug)]
 #[command(next_help_heading = "Mesh")]
 pub struct FinishArgs {
     /// What viewers do with the colours of the texture
     #[arg(long, value_enum, default_value_t = LookArg::Baked)]
     pub look: LookArg,
-    /// Give the GLB of a simplified mesh with a texture the normals of the full one as a texture, in tangent space
+    /// Give the GLB or USDZ of a simplified mesh with a texture the normals of the full one as a texture, in tangent space
     /// [default: on with --look material, where viewers light the surface]
     #[arg(long, value_enum, value_name = "WHETHER")]
     pub normal_map: Option<NormalMapChoice>,
@@ -109,9 +109,9 @@ pub struct FinishArgs {
 }
 
 impl FinishArgs {
-    /// How the GLB is written.
-    pub fn style(&self) -> GlbStyle {
-        GlbStyle { look: self.look.look(), is_compressed: self.compress }
+    /// How files are written.
+    pub fn style(&self) -> MeshStyle {
+        MeshStyle { look: self.look.look(), is_compressed: self.compress }
     }
 
     /// Whether a simplified mesh gets a normal map: where nothing is said, if it will be lit.
@@ -124,7 +124,7 @@ impl FinishArgs {
     }
 }
 
-/// Whether a GLB has a normal map.
+/// Whether a mesh has a normal map.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum NormalMapChoice {
     /// Where the mesh was simplified and has a texture

@@ -5,6 +5,7 @@ use std::process::ExitCode;
 
 use anyhow::{Result, bail};
 use dvr_core::files::check_file;
+use dvr_core::mesh::check_mesh_format;
 use dvr_core::metrics::self_intersections;
 use dvr_core::{Cancellation, Similarity};
 use dvr_train::{
@@ -14,7 +15,7 @@ use dvr_train::{
 use super::mesh_line::mesh_line;
 use super::real_size::KeptSize;
 use super::simplified::simplified_to;
-use super::texture::{is_glb, sentence};
+use super::texture::{sentence, takes_normal_map};
 use super::{SceneReading, load_model, load_run, place_for, print_notes, run_mesh_options, scene_of_run};
 use crate::args::MeshArgs;
 use crate::memory;
@@ -28,10 +29,10 @@ pub fn run(args: &MeshArgs, cancellation: &Cancellation) -> Result<ExitCode> {
     let folder = RunFolder::new(if args.run.is_dir() { args.run.clone() } else { parent(&args.run) });
     let own = vec![folder.mesh_ply(), folder.mesh_glb()];
     let (targets, _writing) = place_for(&folder, args.out.as_ref(), own, args.overwrite)?;
+    targets.iter().try_for_each(check_mesh_format)?;
     let mut options =
         run_mesh_options(&args.meshing, args.texture, args.preset, cancellation).of_run(&checkpoint.header);
-    // No other format has one.
-    options.normal_map &= targets.iter().any(|target| is_glb(target));
+    options.normal_map &= targets.iter().any(|target| takes_normal_map(target));
     for beside in targets.iter().flat_map(|target| files_beside(target, options.texture.is_some())) {
         check_file(&beside, args.overwrite)?;
     }
@@ -105,7 +106,7 @@ pub fn run(args: &MeshArgs, cancellation: &Cancellation) -> Result<ExitCode> {
     }
     let textured = textured.map(|textured| textured.mesh.transformed(&to_export));
     for path in &targets {
-        write_run_mesh(path, &mesh, textured.as_ref(), options.glb)?;
+        write_run_mesh(path, &mesh, textured.as_ref(), options.style)?;
         println!("wrote {} ({} vertices, {} faces)", path.display(), mesh.vertices.len(), mesh.faces.len());
     }
     if let (Some(kept), None, false) = (kept, &args.out, args.object_space) {

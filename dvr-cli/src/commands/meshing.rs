@@ -32,7 +32,7 @@ pub fn run_mesh_options(
     MeshOptions {
         texture: texture.settings(preset),
         normal_map: texture.finish.has_normal_map(),
-        glb: texture.finish.style(),
+        style: texture.finish.style(),
         max_faces: preset.max_faces(args.surface.faces),
         ..mesh_options(args, SCENE_RESOLUTION, cancellation)
     }

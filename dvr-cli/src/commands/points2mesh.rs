@@ -19,8 +19,8 @@ use crate::progress::Progress;
 /// Reads, makes the surface and writes it.
 pub fn run(args: &Points2MeshArgs, cancellation: &Cancellation) -> Result<ExitCode> {
     match args.out.extension().unwrap_or_default().to_string_lossy().to_lowercase().as_str() {
-        "ply" | "glb" | "obj" => check_file(&args.out, args.overwrite)?,
-        _ => bail!("{}: a surface is written as .ply, .glb or .obj", args.out.display()),
+        "ply" | "glb" | "usdz" | "obj" => check_file(&args.out, args.overwrite)?,
+        _ => bail!("{}: a surface is written as .ply, .glb, .usdz or .obj", args.out.display()),
     }
     let cloud = cloud(args, cancellation)?;
     let options = PoissonOptions { cancellation: cancellation.clone(), ..args.options() };

@@ -59,7 +59,7 @@ pub fn run(args: &TextureArgs, cancellation: &Cancellation) -> Result<ExitCode> 
     let done = |done: usize, part: &str| progress.progress(done, part);
     let mut textured = texture_mesh(&mesh, &views, &settings, cancellation, done)?;
     drop(progress);
-    let has_map = args.finish.has_normal_map() && is_glb(&args.out);
+    let has_map = args.finish.has_normal_map() && takes_normal_map(&args.out);
     if let Some((full, moved)) = full.filter(|_| has_map) {
         bake_normals(&mut textured, &full, moved, cancellation)?;
     }
@@ -95,16 +95,16 @@ pub fn sentence(report: &TextureReport) -> String {
     )
 }
 
-/// Whether a file is a GLB, the one format that has normal maps.
-pub fn is_glb(path: &Path) -> bool {
-    path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("glb"))
+/// Whether a file's format has normal maps.
+pub fn takes_normal_map(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| ["glb", "usdz"].iter().any(|known| extension.eq_ignore_ascii_case(known)))
 }
 
 /// The files that are written.
 fn outputs(out: &Path) -> Result<Vec<PathBuf>> {
     match out.extension().unwrap_or_default().to_string_lossy().to_lowercase().as_str() {
-        "glb" => Ok(vec![out.to_owned()]),
+        "glb" | "usdz" => Ok(vec![out.to_owned()]),
         "obj" => Ok(vec![out.with_extension("png"), out.with_extension("mtl"), out.to_owned()]),
-        _ => bail!("{}: a mesh with a texture is written as .glb or .obj", out.display()),
+        _ => bail!("{}: a mesh with a texture is written as .glb, .usdz or .obj", out.display()),
     }
 }

@@ -3,10 +3,11 @@
 use glam::{Vec2, Vec3, Vec4};
 use serde_json::{Value, json};
 
+use super::GENERATOR;
 use super::glb_buffer::{GlbBuffer, container};
 use super::triangle_mesh::Mesh;
 use super::uv_vertices::UvVertices;
-use super::write_textured::{GlbStyle, Look, StoredTexture, TEXTURED};
+use super::write_textured::{Look, MeshStyle, StoredTexture, TEXTURED};
 use crate::srgb::srgb_to_linear;
 
 /// The mesh as a GLB with one rough, two-sided material; vertex colours are stored linear, as glTF defines `COLOR_0`.
@@ -45,7 +46,7 @@ pub(super) fn encode_textured(
     split: &UvVertices,
     texture: &StoredTexture,
     normals: Option<&StoredNormals>,
-    style: GlbStyle,
+    style: MeshStyle,
     name: &str,
 ) -> Vec<u8> {
     let mut file = GlbBuffer::new(style.is_compressed);
@@ -79,9 +80,6 @@ pub(super) fn encode_textured(
     }
     finished(file, &mesh, name, attributes, material, root)
 }
-
-/// What made the file (section 3.2).
-const GENERATOR: &str = concat!("dvr ", env!("CARGO_PKG_VERSION"));
 
 /// The material of a mesh with colours in its vertices.
 const VERTEX_COLORS: &str = "vertex_colors";

@@ -4,7 +4,8 @@ use std::path::Path;
 
 use super::textured_mesh::TexturedMesh;
 use super::triangle_mesh::Mesh;
-use super::{glb, gltf, obj, off, ply};
+use super::write_textured::Look;
+use super::{glb, gltf, obj, off, ply, usdz};
 use crate::error::Error;
 use crate::files::{read_bytes, write_bytes_atomically};
 
@@ -41,10 +42,10 @@ pub fn read_mesh_with_warnings(path: impl AsRef<Path>, warnings: &mut Vec<String
     Ok(mesh)
 }
 
-/// Writes a mesh with its normals, colours and observations as OBJ, PLY (binary) or GLB, by the path's extension.
+/// Writes a mesh with its normals, colours and observations as OBJ, PLY (binary), GLB or USDZ, by the path's extension.
 ///
-/// Colours are stored per vertex: OBJ as `v x y z r g b`, PLY as bytes, GLB as `COLOR_0`, which glTF wants linear. OBJ
-/// has no place for observations; PLY calls them `confidence` and `views`, GLB `_CONFIDENCE` and `_VIEWS`. The file
+/// Colours are stored per vertex: OBJ as `v x y z r g b`, PLY as bytes, GLB as `COLOR_0` and USDZ as `displayColor`, both
+/// linear. OBJ and USDZ have no place for observations; PLY calls them `confidence` and `views`, GLB `_CONFIDENCE` and `_VIEWS`. The file
 /// appears whole or not at all.
 ///
 /// # Errors
@@ -55,10 +56,25 @@ pub fn write_mesh(path: impl AsRef<Path>, mesh: &Mesh) -> crate::Result<()> {
         "obj" => obj::encode(mesh),
         "ply" => ply::encode(mesh),
         "glb" => glb::encode(mesh, &stem(path), false),
-        other => return Err(unknown_format(path, other, "OBJ, PLY or GLB")),
+        "usdz" => usdz::encode(path, mesh, &usdz::Cover::Vertices, Look::Material)?,
+        other => return Err(unknown_format(path, other, WRITTEN)),
     };
     write_bytes_atomically(path, &bytes)
 }
+
+/// Refuses a path whose extension is no format in which meshes are written, before any work is done for it.
+///
+/// # Errors
+/// When the extension is not that of an OBJ, PLY, GLB or USDZ.
+pub fn check_mesh_format(path: impl AsRef<Path>) -> crate::Result<()> {
+    match extension(path.as_ref()).as_str() {
+        "obj" | "ply" | "glb" | "usdz" => Ok(()),
+        other => Err(unknown_format(path.as_ref(), other, WRITTEN)),
+    }
+}
+
+/// The formats of meshes that are written.
+const WRITTEN: &str = "OBJ, PLY, GLB or USDZ";
 
 pub(super) fn extension(path: &Path) -> String {
     path.extension().unwrap_or_default().to_string_lossy().to_lowercase()

@@ -27,12 +27,13 @@ mod texture_file;
 mod textured_mesh;
 mod topology;
 mod triangle_mesh;
+mod usdz;
 mod uv_vertices;
 mod weld;
 mod write_textured;
 
 pub use components::connected_components;
-pub use io::{read_mesh, read_mesh_with_warnings, write_mesh};
+pub use io::{check_mesh_format, read_mesh, read_mesh_with_warnings, write_mesh};
 pub use normal_map::NormalMap;
 pub use simplify::LEAST_FACES;
 pub use tangents::corner_tangents;
@@ -40,4 +41,7 @@ pub use textured_mesh::{Material, TexturedMesh};
 pub use topology::Topology;
 pub use triangle_mesh::Mesh;
 pub use uv_vertices::UvVertices;
-pub use write_textured::{GlbStyle, Look, write_textured_mesh};
+pub use write_textured::{Look, MeshStyle, write_textured_mesh};
+
+/// What made a file.
+const GENERATOR: &str = concat!("dvr ", env!("CARGO_PKG_VERSION"));

@@ -6,12 +6,12 @@ use std::sync::Arc;
 
 use dvr_core::Observation;
 use dvr_core::mesh::{
-    GlbStyle, Look, Material, Mesh, NormalMap, TexturedMesh, corner_tangents, read_mesh, shapes, write_textured_mesh,
+    Look, Material, Mesh, MeshStyle, NormalMap, TexturedMesh, corner_tangents, read_mesh, shapes, write_textured_mesh,
 };
 use glam::{Vec2, Vec3};
 use image::{Rgba, RgbaImage};
 
-const COMPRESSED: GlbStyle = GlbStyle { look: Look::Baked, is_compressed: true };
+const COMPRESSED: MeshStyle = MeshStyle { look: Look::Baked, is_compressed: true };
 
 /// A ball away from the origin with everything that a vertex can have.
 fn ball() -> Mesh {
@@ -45,7 +45,7 @@ fn textured() -> TexturedMesh {
     }
 }
 
-fn written(folder: &Path, mesh: &TexturedMesh, style: GlbStyle) -> (TexturedMesh, u64) {
+fn written(folder: &Path, mesh: &TexturedMesh, style: MeshStyle) -> (TexturedMesh, u64) {
     let path = folder.join("m.glb");
     write_textured_mesh(&path, mesh, style).unwrap();
     (read_mesh(&path).unwrap(), std::fs::metadata(&path).unwrap().len())
@@ -70,7 +70,7 @@ fn original(mesh: &Mesh) -> impl Fn(Vec3) -> usize {
 fn what_is_compressed_comes_back_but_for_rounding() {
     let folder = tempfile::tempdir().unwrap();
     let before = textured();
-    let (back, small) = written(folder.path(), &before, GlbStyle { look: Look::Material, is_compressed: true });
+    let (back, small) = written(folder.path(), &before, MeshStyle { look: Look::Material, is_compressed: true });
     let (_, large) = written(folder.path(), &before, Look::Material.into());
     assert!(small * 4 < large, "{small} and {large} bytes");
     assert_eq!(back.mesh.faces.len(), before.mesh.faces.len());

@@ -6,3 +6,4 @@ mod mesh_files;
 mod region_of_interest;
 mod synthetic_datasets;
 mod textured_mesh_files;
+mod usdz;

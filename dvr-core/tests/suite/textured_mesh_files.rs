@@ -42,7 +42,7 @@ fn a_textured_mesh_comes_back_with_its_colours_where_they_were() {
     let folder = tempfile::tempdir().unwrap();
     for name in ["m.glb", "m.obj"] {
         let path = folder.path().join(name);
-        write_textured_mesh(&path, &square(), Look::Baked).unwrap();
+        write_textured_mesh(&path, &square(), Look::Baked.into()).unwrap();
         let mut warnings = Vec::new();
         let back = read_mesh_with_warnings(&path, &mut warnings).unwrap();
         assert_eq!((back.mesh.faces.len(), warnings.len()), (2, 0), "{name}: {warnings:?}");
@@ -67,7 +67,7 @@ fn a_textured_mesh_comes_back_with_its_colours_where_they_were() {
 fn the_look_says_whether_viewers_light_the_colours() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("look.glb");
-    write_textured_mesh(&path, &square(), Look::Baked).unwrap();
+    write_textured_mesh(&path, &square(), Look::Baked.into()).unwrap();
     let baked = json_of(&path);
     assert_eq!(baked["extensionsUsed"], serde_json::json!(["KHR_materials_unlit"]));
     assert!(baked["materials"][0]["extensions"]["KHR_materials_unlit"].is_object());
@@ -80,7 +80,7 @@ fn the_look_says_whether_viewers_light_the_colours() {
     for view in baked["bufferViews"].as_array().unwrap() {
         assert_eq!(view["byteOffset"].as_u64().unwrap() % 4, 0);
     }
-    write_textured_mesh(&path, &square(), Look::Material).unwrap();
+    write_textured_mesh(&path, &square(), Look::Material.into()).unwrap();
     let lit = json_of(&path);
     assert!(lit.get("extensionsUsed").is_none() && lit["materials"][0].get("extensions").is_none());
 }
@@ -104,7 +104,7 @@ fn a_normal_map_lies_in_a_glb_beside_the_colours_with_a_tangent_for_each_vertex(
     mirrored.normal_map.as_mut().unwrap().corner_tangents[1] = [Vec4::new(-1.0, 0.0, 0.0, -1.0); 3];
     for (textured, vertices) in [(with_normal_map(), 4), (mirrored, 6)] {
         let map = textured.normal_map.as_ref().unwrap();
-        write_textured_mesh(&path, &textured, Look::Material).unwrap();
+        write_textured_mesh(&path, &textured, Look::Material.into()).unwrap();
         let (document, buffers, pictures) = gltf::import(&path).unwrap();
         let primitive = document.meshes().next().unwrap().primitives().next().unwrap();
         let reader = primitive.reader(|buffer| Some(&buffers[buffer.index()]));
@@ -127,7 +127,7 @@ fn a_normal_map_lies_in_a_glb_beside_the_colours_with_a_tangent_for_each_vertex(
         assert_eq!(back.materials[0].texture.as_ref().unwrap().dimensions(), (64, 64));
     }
     let obj = folder.path().join("map.obj");
-    write_textured_mesh(&obj, &with_normal_map(), Look::Material).unwrap();
+    write_textured_mesh(&obj, &with_normal_map(), Look::Material.into()).unwrap();
     let material = std::fs::read_to_string(folder.path().join("map.mtl")).unwrap();
     assert!(!material.contains("ump") && !material.contains("norm"), "{material}");
 }
@@ -138,11 +138,12 @@ fn without_a_texture_and_as_ply_it_is_written_as_any_mesh() {
     let bare = TexturedMesh { materials: Vec::new(), ..square() };
     for (name, textured) in [("bare.glb", &bare), ("textured.ply", &square())] {
         let path = folder.path().join(name);
-        write_textured_mesh(&path, textured, Look::Baked).unwrap();
+        write_textured_mesh(&path, textured, Look::Baked.into()).unwrap();
         let back = read_mesh(&path).unwrap();
         assert_eq!(back.mesh.vertices, square().mesh.vertices, "{name}");
         assert!(back.materials.iter().all(|material| material.texture.is_none()), "{name}");
     }
-    let error = write_textured_mesh(folder.path().join("m.fbx"), &square(), Look::Baked).unwrap_err().to_string();
+    let error =
+        write_textured_mesh(folder.path().join("m.fbx"), &square(), Look::Baked.into()).unwrap_err().to_string();
     assert!(error.contains("fbx"), "{error}");
 }

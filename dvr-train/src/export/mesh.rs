@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use dvr_core::mesh::{GlbStyle, Mesh, TexturedMesh, connected_components, write_mesh, write_textured_mesh};
+use dvr_core::mesh::{Mesh, MeshStyle, TexturedMesh, connected_components, write_mesh, write_textured_mesh};
 use dvr_core::metrics::Simplification;
 use dvr_core::{Camera, HalfSpace, Similarity, View, Visibility};
 use dvr_render::extract::ExtractError;
@@ -50,7 +50,7 @@ pub struct MeshOptions {
     /// Whether a simplified mesh with a texture gets a normal map of the full one.
     pub normal_map: bool,
     /// How the GLB is written.
-    pub glb: GlbStyle,
+    pub style: MeshStyle,
 }
 
 impl MeshOptions {
@@ -208,11 +208,11 @@ pub fn with_faces(mesh: &Mesh, most: Option<usize>, remesh: bool, warnings: &mut
 ///
 /// # Errors
 /// When the file cannot be written.
-pub fn write_run_mesh(path: &Path, mesh: &Mesh, textured: Option<&TexturedMesh>, glb: GlbStyle) -> Result<()> {
+pub fn write_run_mesh(path: &Path, mesh: &Mesh, textured: Option<&TexturedMesh>, style: MeshStyle) -> Result<()> {
     Ok(match textured {
         _ if path.extension().is_some_and(|extension| extension == "ply") => write_mesh(path, mesh),
-        Some(textured) => write_textured_mesh(path, textured, glb),
-        None => write_textured_mesh(path, &TexturedMesh::from(mesh.clone()), glb),
+        Some(textured) => write_textured_mesh(path, textured, style),
+        None => write_textured_mesh(path, &TexturedMesh::from(mesh.clone()), style),
     }?)
 }
 

@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use dvr_core::mesh::{GlbStyle, Mesh, TexturedMesh};
+use dvr_core::mesh::{Mesh, MeshStyle, TexturedMesh};
 use dvr_core::metrics::points::PointsSettings;
 use dvr_core::metrics::self_intersections;
 use dvr_core::{Camera, Cancellation, Exposure, Scene, Similarity, VerifiedPoints, View, ViewSplit};
@@ -44,8 +44,8 @@ pub struct RunResults {
     pub mesh: Option<Mesh>,
     /// The same with a texture from the photographs, where one was asked for.
     pub textured: Option<TexturedMesh>,
-    /// How it is written as GLB.
-    pub glb: GlbStyle,
+    /// How it is written.
+    pub style: MeshStyle,
     /// What pictures of the run show; its field where nothing was chosen.
     pub pictures: Option<ChosenPictures>,
     /// What takes object space to the coordinates of the mesh.
@@ -170,7 +170,15 @@ impl RunResults {
             measuring_seconds: outcome.measuring_seconds,
         };
         let textured = textured.map(|textured| textured.mesh.transformed(&to_export));
-        Ok(Self { mesh: exported, textured, glb: options.glb, pictures, object_to_mesh: to_export, preview, metrics })
+        Ok(Self {
+            mesh: exported,
+            textured,
+            style: options.style,
+            pictures,
+            object_to_mesh: to_export,
+            preview,
+            metrics,
+        })
     }
 
     /// Writes mesh (PLY with colours per vertex, GLB with the texture where there is one), preview sheet and figures into a run's folder.
@@ -180,7 +188,7 @@ impl RunResults {
     pub fn save(&self, folder: &RunFolder) -> Result<()> {
         if let Some(mesh) = &self.mesh {
             for path in [folder.mesh_ply(), folder.mesh_glb()] {
-                write_run_mesh(&path, mesh, self.textured.as_ref(), self.glb)?;
+                write_run_mesh(&path, mesh, self.textured.as_ref(), self.style)?;
             }
         }
         store_pictures(self.pictures.as_ref(), &self.object_to_mesh, folder)?;

@@ -1,7 +1,7 @@
 //! Meshes.
 
 use dvr_core::Observation;
-use dvr_core::mesh::{GlbStyle, Mesh, shapes, write_mesh, write_textured_mesh};
+use dvr_core::mesh::{Mesh, MeshStyle, shapes, write_mesh, write_textured_mesh};
 use glam::Vec3;
 
 use super::pictures::png;
@@ -56,7 +56,7 @@ pub(in crate::fuzz) fn off() -> Vec<Vec<u8>> {
 }
 
 pub(in crate::fuzz) fn glb() -> Vec<Vec<u8>> {
-    let style = GlbStyle { is_compressed: true, ..GlbStyle::default() };
+    let style = MeshStyle { is_compressed: true, ..MeshStyle::default() };
     let compressed = written("a.glb", |path| {
         write_textured_mesh(path, &coloured().into(), style).unwrap_or_else(|e| panic!("{e}"));
     });
