@@ -279,6 +279,10 @@ fn of_sfm(error: &SfmError) -> Option<String> {
              conda-forge colmap`. Photographs that have cameras need none."
                 .into(),
         ),
+        SfmError::NotInstalled { program: "glomap", .. } => Some(
+            "Install COLMAP 4 or later, or GLOMAP (github.com/colmap/glomap, `conda install -c conda-forge glomap`); or leave out `--mapper global`."
+                .into(),
+        ),
         SfmError::NotInstalled { .. } => {
             Some("Install it: `apt install ffmpeg`, `brew install ffmpeg`, or `conda install -c conda-forge ffmpeg`.".into())
         }

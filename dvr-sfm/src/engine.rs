@@ -9,6 +9,9 @@ use dvr_core::Cancellation;
 use crate::child::{Heard, Log, Task, run};
 use crate::error::{Result, SfmError};
 
+/// COLMAP's command that places all pictures at once.
+const GLOBAL_MAPPER: &str = "global_mapper";
+
 /// A program in one of the folders of `PATH`.
 pub(crate) fn program(name: &str) -> Option<PathBuf> {
     let paths = std::env::var_os("PATH")?;
@@ -21,6 +24,8 @@ pub(crate) fn program(name: &str) -> Option<PathBuf> {
 /// The installed COLMAP.
 pub(crate) struct Engine {
     program: PathBuf,
+    /// Its commands.
+    commands: BTreeSet<String>,
     /// As its help has it, e.g. `COLMAP 3.8`.
     pub version: String,
     cancellation: Cancellation,
@@ -36,10 +41,27 @@ impl Engine {
         let found = given.map_or_else(|| program("colmap"), |given| given.is_file().then(|| given.to_owned()));
         let missing = SfmError::NotInstalled { program: "colmap", purpose };
         let program = found.ok_or(missing)?;
-        let mut engine = Self { program, version: String::new(), cancellation: cancellation.clone() };
-        let words = engine.help("help").split_whitespace().take(2).collect::<Vec<_>>().join(" ");
-        engine.version = words;
+        let cancellation = cancellation.clone();
+        let mut engine = Self { program, commands: BTreeSet::new(), version: String::new(), cancellation };
+        let help = engine.help("help");
+        engine.version = help.split_whitespace().take(2).collect::<Vec<_>>().join(" ");
+        engine.commands = help.split_whitespace().map(str::to_owned).collect();
         Ok(engine)
+    }
+
+    /// What places all pictures at once: a command of COLMAP's from 4.0 on, before that a program of its own.
+    ///
+    /// # Errors
+    /// [`SfmError::NotInstalled`].
+    pub fn global_mapper(&self) -> Result<(Command, &'static str)> {
+        if self.commands.contains(GLOBAL_MAPPER) {
+            return Ok((self.command(GLOBAL_MAPPER), "colmap"));
+        }
+        let purpose = "places all pictures at once, as COLMAP from 4.0 on does itself";
+        let program = program("glomap").ok_or(SfmError::NotInstalled { program: "glomap", purpose })?;
+        let mut command = Command::new(program);
+        command.arg("mapper");
+        Ok((command, "glomap"))
     }
 
     /// A command of COLMAP, without a display.

@@ -19,7 +19,7 @@ pub enum SfmError {
     /// A program that does the work is not installed.
     #[error("`{program}`, which {purpose}, is not among the programs of this machine")]
     NotInstalled {
-        /// `colmap` or `ffmpeg`.
+        /// `colmap`, `glomap` or `ffmpeg`.
         program: &'static str,
         /// What it does, in the present tense.
         purpose: &'static str,
@@ -101,7 +101,7 @@ pub enum SfmError {
     /// COLMAP or ffmpeg came to no good end.
     #[error("{program} failed at {step} ({how}): {said}{}", all_in(log))]
     Failed {
-        /// `colmap` or `ffmpeg`.
+        /// `colmap`, `glomap` or `ffmpeg`.
         program: &'static str,
         /// What it was at.
         step: &'static str,

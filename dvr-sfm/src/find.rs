@@ -15,7 +15,7 @@ use crate::clip::take_frames;
 use crate::engine::Engine;
 use crate::error::{Result, SfmError, some};
 use crate::masks::undistort_masks;
-use crate::options::{Event, SfmOptions};
+use crate::options::{Event, Mapper, SfmOptions};
 use crate::pictures::{Preparation, digest, make_folder_of};
 use crate::result::FoundCameras;
 use crate::source::Source;
@@ -60,6 +60,10 @@ pub fn find_cameras(
         return Ok(found);
     }
     let engine = Engine::find(options.program.as_deref(), "finds the cameras of photographs", &options.cancellation)?;
+    if options.mapper == Mapper::Global {
+        // What is missing is told before anything is begun.
+        engine.global_mapper()?;
+    }
     let mut workspace = Workspace::open(out, &key, options.may_replace)?;
     if let Err(error) = prepare(source, &mut workspace, options, tell) {
         if workspace.is_new() {

@@ -51,7 +51,7 @@ pub use compare::CameraErrors;
 pub use error::SfmError;
 pub use find::find_cameras;
 pub use joined::{PoseSet, join_sets};
-pub use options::{CameraSharing, Event, Matching, SfmOptions};
+pub use options::{CameraSharing, Event, Mapper, Matching, SfmOptions};
 pub use poisson::{PoissonOptions, poisson_surface};
 pub use result::{FoundCameras, PlacedSet};
 pub use source::Source;

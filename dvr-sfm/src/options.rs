@@ -15,6 +15,9 @@ pub struct SfmOptions {
     pub sharing: CameraSharing,
     /// Which pictures are compared; `None` decides by their number and kind.
     pub matching: Option<Matching>,
+    /// How pictures are placed.
+    #[serde(skip_serializing_if = "Mapper::is_incremental")]
+    pub mapper: Mapper,
     /// Largest number of features of a picture; the coarsest are kept. Comparing two pictures takes time by its square.
     pub features: usize,
     /// A vocabulary tree of COLMAP's, by which similar pictures are found and compared.
@@ -60,6 +63,7 @@ impl Default for SfmOptions {
             camera_model: "SIMPLE_RADIAL".to_owned(),
             sharing: CameraSharing::Similar,
             matching: None,
+            mapper: Mapper::default(),
             features: 4096,
             vocabulary_tree: None,
             frames: 100,
@@ -119,6 +123,36 @@ impl FromStr for Matching {
             "sequential" => Ok(Self::Sequential),
             "spatial" => Ok(Self::Spatial),
             _ => Err("expected exhaustive, sequential or spatial".to_owned()),
+        }
+    }
+}
+
+/// How pictures are placed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Mapper {
+    /// One after another.
+    #[default]
+    Incremental,
+    /// All at once (GLOMAP; Pan et al., ECCV 2024), by a COLMAP that can, else by `glomap`.
+    Global,
+}
+
+impl Mapper {
+    /// What is not the default alone stands in the description of found cameras, so that older ones are still known.
+    fn is_incremental(&self) -> bool {
+        *self == Self::Incremental
+    }
+}
+
+impl FromStr for Mapper {
+    type Err = String;
+
+    fn from_str(name: &str) -> Result<Self, String> {
+        match name {
+            "incremental" => Ok(Self::Incremental),
+            "global" => Ok(Self::Global),
+            _ => Err("expected incremental or global".to_owned()),
         }
     }
 }

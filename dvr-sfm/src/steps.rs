@@ -12,7 +12,7 @@ use dvr_core::dataset::{ColmapModel, read_colmap_model};
 use crate::child::{Heard, Task, run};
 use crate::engine::{Engine, Options};
 use crate::error::{Result, SfmError};
-use crate::options::{CameraSharing, Event, Matching, SfmOptions};
+use crate::options::{CameraSharing, Event, Mapper, Matching, SfmOptions};
 use crate::pictures::Prepared;
 use crate::progress::progress_of;
 use crate::workspace::{Workspace, refused, remove};
@@ -169,15 +169,36 @@ impl Steps<'_> {
         (command, known)
     }
 
-    /// Poses and points, picture by picture with bundle adjustment.
+    /// Poses and points.
     pub fn mapping(&mut self, workspace: &mut Workspace) -> Result<()> {
         let models = workspace.empty(MODELS)?;
-        let count = workspace.pictures().len();
-        self.begin("mapping", count);
+        match self.options.mapper {
+            Mapper::Incremental => self.incremental_mapping(workspace, &models)?,
+            Mapper::Global => self.global_mapping(workspace, &models)?,
+        }
+        if folders(&models).is_empty() {
+            let pictures = workspace.pictures().len();
+            return Err(SfmError::NoModel { pictures, log: workspace.log.path.clone() });
+        }
+        Ok(())
+    }
+
+    /// All pictures at once.
+    fn global_mapping(&mut self, workspace: &mut Workspace, models: &Path) -> Result<()> {
+        self.begin("global mapping", 1);
+        let (mut command, program) = self.engine.global_mapper()?;
+        command.arg("--database_path").arg(workspace.work(DATABASE));
+        command.arg("--image_path").arg(workspace.work(PICTURES)).arg("--output_path").arg(models);
+        self.run_program(program, &mut command, "mapping", workspace, 0)
+    }
+
+    /// Picture by picture with bundle adjustment.
+    fn incremental_mapping(&mut self, workspace: &mut Workspace, models: &Path) -> Result<()> {
+        self.begin("mapping", workspace.pictures().len());
         let known = self.engine.options("mapper");
         let mut command = self.engine.command("mapper");
         command.arg("--database_path").arg(workspace.work(DATABASE));
-        command.arg("--image_path").arg(workspace.work(PICTURES)).arg("--output_path").arg(&models);
+        command.arg("--image_path").arg(workspace.work(PICTURES)).arg("--output_path").arg(models);
         known.set(&mut command, &["Mapper.min_model_size"], LEAST_PICTURES);
         if workspace.pictures().iter().all(|picture| picture.pinhole.is_some()) {
             for what in ["focal_length", "principal_point", "extra_params"] {
@@ -190,13 +211,11 @@ impl Steps<'_> {
         let ended = self.run(&mut command, "mapping", workspace, 0);
         // The mapper fails where it finds no two pictures to begin with, which is no fault of its own.
         match ended {
-            Err(SfmError::Failed { how, .. }) if how.starts_with("exit status: 1") && folders(&models).is_empty() => {}
-            ended => ended?,
+            Err(SfmError::Failed { how, .. }) if how.starts_with("exit status: 1") && folders(models).is_empty() => {
+                Ok(())
+            }
+            ended => ended,
         }
-        if folders(&models).is_empty() {
-            return Err(SfmError::NoModel { pictures: count, log: workspace.log.path.clone() });
-        }
-        Ok(())
     }
 
     /// A last bundle adjustment of a model that moves the principal point, too, where enough pictures share their intrinsics:
@@ -245,7 +264,7 @@ impl Steps<'_> {
         }
     }
 
-    /// Runs a command and tells how far it is; `before` parts of the step were done by others.
+    /// Runs a command of COLMAP and tells how far it is; `before` parts of the step were done by others.
     fn run(
         &mut self,
         command: &mut Command,
@@ -253,7 +272,18 @@ impl Steps<'_> {
         workspace: &mut Workspace,
         before: usize,
     ) -> Result<()> {
-        let task = Task { program: "colmap", step, takes_bytes: false };
+        self.run_program("colmap", command, step, workspace, before)
+    }
+
+    fn run_program(
+        &mut self,
+        program: &'static str,
+        command: &mut Command,
+        step: &'static str,
+        workspace: &mut Workspace,
+        before: usize,
+    ) -> Result<()> {
+        let task = Task { program, step, takes_bytes: false };
         let mut known_parts = 0;
         let tell = &mut self.tell;
         let mut heard = |heard: Heard<'_>| {

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use clap::builder::PossibleValuesParser;
-use dvr_sfm::{CameraSharing, Matching, SfmOptions};
+use dvr_sfm::{CameraSharing, Mapper, Matching, SfmOptions};
 
 use super::values::within;
 
@@ -46,6 +46,10 @@ pub struct FindingArgs {
     /// exhaustive up to 300 pictures, else sequential]
     #[arg(long, value_name = "HOW")]
     pub matching: Option<Matching>,
+    /// How pictures are placed: incremental (one after another) or global (all at once, for hundreds of pictures, by COLMAP 4 or GLOMAP)
+    /// [default: incremental]
+    #[arg(long, value_name = "HOW")]
+    pub mapper: Option<Mapper>,
     /// Features of a picture, at most; matching takes time by their square [100 to 65536; default: 4096]
     #[arg(long, value_name = "N", value_parser = within(100usize, 65_536))]
     pub features: Option<usize>,
@@ -71,6 +75,7 @@ impl FindingArgs {
             camera_model: self.camera_model.as_ref().map_or(defaults.camera_model, |model| model.to_uppercase()),
             sharing: self.share_cameras.unwrap_or_default(),
             matching: self.matching,
+            mapper: self.mapper.unwrap_or_default(),
             frames: self.frames.unwrap_or(defaults.frames),
             features: self.features.unwrap_or(defaults.features),
             vocabulary_tree: self.vocab_tree.clone(),

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use dvr_core::dataset::{ReadOptions, read_scene};
 use dvr_core::files::{read_mask, write_gray_png, write_jpeg};
 use dvr_core::{Camera, Cancellation};
-use dvr_sfm::{Event, FoundCameras, SfmError, SfmOptions, Source, find_cameras};
+use dvr_sfm::{Event, FoundCameras, Mapper, SfmError, SfmOptions, Source, find_cameras};
 use glam::{DQuat, DVec3};
 use image::{GrayImage, Luma, Rgb, RgbImage};
 
@@ -17,7 +17,7 @@ here=$(dirname "$0")
 step=$1
 shift
 if [ "$1" = "-h" ]; then cat "$here/help"; exit 0; fi
-if [ "$step" = help ]; then echo "COLMAP 3.8 -- a fake"; exit 0; fi
+if [ "$step" = help ]; then echo "COLMAP 3.8 -- a fake"; cat "$here/commands" 2>/dev/null; exit 0; fi
 echo "$step $*" >> "$here/calls"
 while [ $# -gt 0 ]; do
   case $1 in
@@ -39,6 +39,7 @@ case $step in
       n=$((n + 1)); echo "$name" >> "$database"; echo "Processed file [$n/$(wc -l < "$list")]"
     done < "$list" ;;
   exhaustive_matcher) printf 'Matching block [1/2, 1/2]'; echo ' in 0.1s'; echo 'Matching block [2/2, 2/2] in 0.1s' ;;
+  global_mapper) cp -r "$here/models/." "$output" ;;
   mapper)
     if [ -f "$here/no_model" ]; then echo "=> No good initial image pair found."; exit 1; fi
     cp -r "$here/models/." "$output"
@@ -232,6 +233,22 @@ fn colmap_ends_with_the_work_which_goes_on_where_it_was() {
     let found = fake.find().unwrap();
     assert_eq!(found.placed, 4);
     assert_eq!(fake.calls(), [ALL[0], ALL[1], ALL[2], ALL[2], ALL[3], ALL[4], ALL[5]]);
+}
+
+#[test]
+fn all_pictures_are_placed_at_once_by_a_colmap_that_can() {
+    let fake = Fake::new();
+    let global = SfmOptions { mapper: Mapper::Global, ..fake.options() };
+    // Without GLOMAP, which nobody has beside the tests.
+    let error = fake.find_with(&global).0.unwrap_err();
+    assert!(matches!(error, SfmError::NotInstalled { program: "glomap", .. }), "{error}");
+    assert!(!fake.out().exists() && fake.calls().is_empty(), "nothing was begun");
+    std::fs::write(fake.at("commands"), "Commands:\n  global_mapper\n  mapper\n").unwrap();
+    assert_eq!(fake.find_with(&global).0.unwrap().placed, 4);
+    let expected: Vec<&str> = ALL.iter().map(|step| if *step == "mapper" { "global_mapper" } else { step }).collect();
+    assert_eq!(fake.calls(), expected);
+    // Cameras that were placed another way are others.
+    assert!(matches!(fake.find(), Err(SfmError::OtherPhotographs { .. })));
 }
 
 #[test]
