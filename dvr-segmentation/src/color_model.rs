@@ -29,7 +29,7 @@ const LEAST: f32 = 0.01;
 const OTHERS: f32 = 0.3;
 
 /// Most that a colour says, as a logarithm.
-const MAX_RATIO: f32 = 2.0;
+pub(crate) const MAX_RATIO: f32 = 2.0;
 
 /// Counts of colours in bins.
 #[derive(Clone)]
@@ -94,6 +94,21 @@ fn blurred(values: &[f32], stride: usize) -> Vec<f32> {
         0.25 * before + 0.5 * values[i] + 0.25 * after
     };
     (0..values.len()).map(along).collect()
+}
+
+/// How frequent colours are in the object by all views, wherever it shows them.
+pub(crate) struct ObjectColors(Vec<f32>);
+
+impl ObjectColors {
+    /// By counts in the object.
+    pub fn new(counts: &ColorCounts) -> Self {
+        Self(counts.density())
+    }
+
+    /// How much a colour says that it is the object's, where the background has this density of it; negative for the background.
+    pub fn says(&self, color: [u8; 3], background: f32) -> f32 {
+        (self.0[bin(color)] / background).ln().clamp(-MAX_RATIO, MAX_RATIO)
+    }
 }
 
 /// What colours say at each place of a picture.

@@ -1,5 +1,7 @@
 //! What depths say at once: what stands on the support plane is the object, what lies on it or beyond the cube is not.
 
+use std::ops::Range;
+
 use dvr_core::{Cancellation, Cancelled};
 use glam::Vec3;
 use rayon::prelude::*;
@@ -18,9 +20,9 @@ const STANDING: f32 = 0.02;
 /// Points that the support plane is looked for among.
 const POINTS: usize = 20_000;
 
-/// Where not more than this share of the frames' pixels show the object, frames hardly cut it, and what they show is
-/// background.
-const CUT: f64 = 0.1;
+/// Where nothing is known to be the object's within this share of a picture's longer side, the frame does not cut it, and what it
+/// shows is background.
+const CUT: f32 = 0.1;
 
 /// Where less than this share of all pixels is known to be the object, the middle is taken for it: all that is nearer to what
 /// the cameras look at than this share of a picture's side.
@@ -77,16 +79,15 @@ impl Evidence {
                 unanimous(&points.iter().map(says).collect::<Vec<f32>>(), view.width)
             })
             .collect();
-        // Beside the frame no depth is known: windows leave it there.
-        let inner = |view: &Shrunk| view.border(FRAME, 3 * FRAME);
-        let of_asked = || says.iter().zip(views).zip(asked).filter(|(_, asked)| **asked).map(|(view, _)| view);
-        let cut: usize =
-            of_asked().map(|(says, view)| inner(view).into_iter().filter(|&pixel| says[pixel] > 0.0).count()).sum();
-        let all: usize = of_asked().map(|(_, view)| inner(view).len()).sum();
-        if cut as f64 <= CUT * all as f64 {
-            for (says, view) in says.iter_mut().zip(views) {
-                view.border(0, FRAME).into_iter().for_each(|pixel| says[pixel] = -1.0);
-            }
+        // Windows leave no depth beside the frame. Pixels there are background where none that is known to be the object's is near.
+        for (says, view) in says.iter_mut().zip(views) {
+            let reach = (CUT * view.width.max(view.height) as f32) as usize;
+            let of_object = |&pixel: &usize| {
+                let (mut rows, columns) = window(pixel, reach, view.width, view.height);
+                rows.any(|v| columns.clone().any(|u| says[v * view.width + u] > 0.0))
+            };
+            let frame: Vec<usize> = view.border(0, FRAME).into_iter().filter(|pixel| !of_object(pixel)).collect();
+            frame.into_iter().for_each(|pixel| says[pixel] = -1.0);
         }
         let shown = says.iter().zip(asked).filter(|(_, asked)| **asked).flat_map(|(says, _)| says);
         let (object, pixels) =
@@ -106,15 +107,18 @@ impl Evidence {
 
 /// What a pixel says where nothing near it says otherwise: windows of pixels at an outline have the depth of either side.
 fn unanimous(says: &[f32], width: usize) -> Vec<f32> {
-    let height = says.len() / width;
     let of_pixel = |pixel: usize| {
-        let (u, v) = (pixel % width, pixel / width);
-        let rows = v.saturating_sub(WINDOW)..(v + WINDOW + 1).min(height);
-        let columns = u.saturating_sub(WINDOW)..(u + WINDOW + 1).min(width);
+        let (rows, columns) = window(pixel, WINDOW, width, says.len() / width);
         let mut around = rows.flat_map(|y| columns.clone().map(move |x| y * width + x));
         if around.any(|other| says[other] * says[pixel] < 0.0) { 0.0 } else { says[pixel] }
     };
     (0..says.len()).map(of_pixel).collect()
+}
+
+/// Rows and columns that are up to `reach` from a pixel, within a picture.
+fn window(pixel: usize, reach: usize, width: usize, height: usize) -> (Range<usize>, Range<usize>) {
+    let around = |at: usize, side: usize| at.saturating_sub(reach)..(at + reach + 1).min(side);
+    (around(pixel / width, height), around(pixel % width, width))
 }
 
 #[cfg(test)]

@@ -28,6 +28,7 @@ mod parts;
 mod plane_sweep;
 mod segment;
 mod shrunk;
+mod support_colors;
 mod support_plane;
 mod volume;
 mod within_cube;

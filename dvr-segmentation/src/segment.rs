@@ -8,12 +8,13 @@ use image::{GrayImage, Luma, imageops};
 use rayon::prelude::*;
 
 use crate::HALF;
-use crate::color_model::{ColorCounts, ColorModel};
+use crate::color_model::{ColorCounts, ColorModel, MAX_RATIO, ObjectColors};
 use crate::error::SegmentationError;
 use crate::evidence::Evidence;
 use crate::outline::Edges;
 use crate::parts::join_parts;
 use crate::shrunk::Shrunk;
+use crate::support_colors::SupportColors;
 use crate::support_plane::SupportPlane;
 use crate::volume::{Cube, Volume};
 use crate::within_cube::within_cube;
@@ -112,10 +113,11 @@ pub struct Segmentation {
 ///
 /// `progress` is told how many parts of the work are done, and of how many.
 ///
-/// Depths of pixels come from a plane sweep; the plane that the object stands on from them. Then, in turns: how
-/// frequent colours are in the object and around it; the outline in each picture that agrees best with colours, depths
-/// and volume and follows its edges; and the volume that the outlines of all views agree about. Where no object stands out,
-/// masks show all that lies in a cube around what is in the middles of pictures.
+/// Depths of pixels come from a plane sweep; the plane that the object stands on from them. Then, in turns: how frequent
+/// colours are in the object and around it, and what the plane looks like where nothing stands on it; the outline in each
+/// picture that agrees best with colours, depths and volume and follows its edges; and the volume that the outlines of all
+/// views agree about. Where no object stands out, masks show all that lies in a cube around what is in the middles of
+/// pictures.
 ///
 /// # Errors
 /// [`SegmentationError`]: too few views, nothing that they agree about, or somebody wanted it to end.
@@ -183,6 +185,8 @@ struct Work<'a> {
     /// Per view and pixel, from 0 to 1, how much it belongs to the object.
     belongs: Vec<Vec<f32>>,
     colors: Vec<ColorModel>,
+    /// Where the plane is seen that the object stands on: what it looks like, and the object.
+    support: Option<(SupportColors, ObjectColors)>,
     volume: Option<Volume>,
     rounds: usize,
 }
@@ -196,7 +200,7 @@ impl<'a> Work<'a> {
             edges.cut(&price, says.iter().map(|says| 0.5 + 0.5 * says).collect(), STEPS[0])
         };
         let belongs = edges.par_iter().zip(&evidence.says).map(by_depth).collect();
-        Self { views, asked, evidence, edges, belongs, colors: Vec::new(), volume: None, rounds: 0 }
+        Self { views, asked, evidence, edges, belongs, colors: Vec::new(), support: None, volume: None, rounds: 0 }
     }
 
     /// Colours, outlines, volume.
@@ -209,13 +213,13 @@ impl<'a> Work<'a> {
             .as_ref()
             .map(|volume| views.par_iter().map(|view| signed_distance(&volume.silhouette(view), view.width)).collect());
         let distances = distances.as_ref();
-        self.learn_colors(distances);
+        self.learn_colors(distances, cancellation)?;
         cancellation.check()?;
         let outline = |i: usize| {
             let distance = distances.map(|distances| &distances[i]);
             let price: Vec<f32> = (0..views[i].len())
                 .map(|pixel| {
-                    let color = self.colors[i].says(views[i].middle(pixel), views[i].colors[pixel]);
+                    let color = self.color_says(i, &views[i], pixel);
                     let distance = distance.map(|distance| distance[pixel]);
                     -color - shape_and_depth(distance, self.evidence.says[i][pixel], GROWING)
                 })
@@ -234,10 +238,7 @@ impl<'a> Work<'a> {
         let support = self.evidence.support;
         let is_allowed =
             |point: Vec3| point.abs().max_element() < HALF && support.is_none_or(|plane| plane.distance(point) > LYING);
-        let asked: Vec<(&Shrunk, &[f32])> = (views.iter().zip(&self.belongs).zip(self.asked))
-            .filter_map(|((view, belongs), asked)| asked.then_some((view, belongs.as_slice())))
-            .collect();
-        let volume = Volume::agreed(&asked, cube, nodes, is_allowed, cancellation)?;
+        let volume = Volume::agreed(&self.asked(), cube, nodes, is_allowed, cancellation)?;
         if volume.is_empty() {
             return Err(SegmentationError::NothingFound);
         }
@@ -247,7 +248,11 @@ impl<'a> Work<'a> {
     }
 
     /// Colour models by what belongs to the object now, and mostly of what is near it.
-    fn learn_colors(&mut self, distances: Option<&Vec<Vec<f32>>>) {
+    fn learn_colors(
+        &mut self,
+        distances: Option<&Vec<Vec<f32>>>,
+        cancellation: &Cancellation,
+    ) -> Result<(), SegmentationError> {
         let views = self.views;
         let near: Vec<Vec<f32>> = (0..views.len())
             .map(|i| match distances {
@@ -263,6 +268,31 @@ impl<'a> Work<'a> {
         }
         let model = |i: usize| ColorModel::new(&views[i], &self.belongs[i], &near[i], &counts[i], &all);
         self.colors = (0..views.len()).into_par_iter().map(model).collect();
+        // The first round may take plain parts of the object for the plane.
+        if let Some(plane) = self.evidence.support.filter(|_| self.rounds > 0) {
+            self.support = Some((SupportColors::new(plane, &self.asked(), cancellation)?, ObjectColors::new(&all[0])));
+        }
+        Ok(())
+    }
+
+    /// The views that have a say, with how much each of their pixels belongs to the object.
+    fn asked(&self) -> Vec<(&'a Shrunk, &[f32])> {
+        (self.views.iter().zip(&self.belongs).zip(self.asked))
+            .filter_map(|((view, belongs), asked)| asked.then_some((view, belongs.as_slice())))
+            .collect()
+    }
+
+    /// How much the colour of a pixel says that it is the object's, by what is frequent around, and by what the plane looks like
+    /// where it is seen; `picture` is a view in any size.
+    fn color_says(&self, view: usize, picture: &Shrunk, pixel: usize) -> f32 {
+        let (place, color) = (picture.middle(pixel), picture.colors[pixel]);
+        let scale = self.views[view].width as f32 / picture.width as f32;
+        let around = self.colors[view].says(scale * place, color);
+        let support = self.support.as_ref();
+        let before_support =
+            support.and_then(|(plane, object)| Some(object.says(color, plane.density(&picture.camera, place, color)?)));
+        // Where one of the two is wrong, they cancel out, and volume and edges decide.
+        (around + before_support.unwrap_or(0.0)).clamp(-MAX_RATIO, MAX_RATIO)
     }
 
     /// The mask of a view, in finer pixels.
@@ -275,7 +305,7 @@ impl<'a> Work<'a> {
         let coarse = |pixel: usize| small.pixel_at(fine.middle(pixel) / scale);
         let price: Vec<f32> = (0..fine.len())
             .map(|pixel| {
-                let color = self.colors[index].says(fine.middle(pixel) / scale, fine.colors[pixel]);
+                let color = self.color_says(index, &fine, pixel);
                 let depth = coarse(pixel).map_or(0.0, |pixel| self.evidence.says[index][pixel]);
                 -color - shape_and_depth(Some(distance[pixel] / scale), depth, FINAL)
             })
