@@ -99,7 +99,7 @@ fn what_cannot_be_textured_is_said_and_nothing_is_written() {
     let memory = format!("{}M", megabytes_needed(&arguments) + 78);
     let large = ["--size", "8192", "--memory", &memory];
     refused(&bare, &out, &large, &["8192 texels", "about 2954", "78 MB are left", "--size N", "--memory"]);
-    refused(&bare, &tiny.path("out.ply"), &[], &[".glb or .obj"]);
+    refused(&bare, &tiny.path("out.ply"), &[], &[".glb, .usdz or .obj"]);
     assert!(!out.exists());
 
     let obj = tiny.path("there.obj");
