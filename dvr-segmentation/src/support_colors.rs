@@ -158,12 +158,14 @@ mod tests {
 
     const BALL: f32 = 0.15;
     const TABLE: f32 = 0.5;
+    const DARK: [u8; 3] = [40, 60, 120];
+    const LIGHT: [u8; 3] = [230, 230, 225];
 
     /// Squares of two colours, up to the table's edge.
     fn table(point: Vec3) -> Option<[u8; 3]> {
         let is_dark = ((point.x / 0.2).floor() + (point.y / 0.2).floor()).rem_euclid(2.0) < 1.0;
         let on = point.x.abs().max(point.y.abs()) < TABLE;
-        on.then_some(if is_dark { [40, 60, 120] } else { [230, 230, 225] })
+        on.then_some(if is_dark { DARK } else { LIGHT })
     }
 
     /// A ball on a table at z = -BALL, and beyond its edge something else for each view.
@@ -193,32 +195,31 @@ mod tests {
         let colors = SupportColors::new(plane, &all, &Cancellation::default()).unwrap();
         let (view, belongs) = &views[4];
         let mut counts = [0; 4];
-        for pixel in 0..view.len() {
+        for (pixel, belongs) in belongs.iter().enumerate() {
             let place = view.middle(pixel);
             let direction = view.camera.direction_through(place);
             let met = view.camera.center - (view.camera.center.z + BALL) / direction.z * direction;
             let density = colors.density(&view.camera, place, view.colors[pixel]);
-            if belongs[pixel] > 0.0 {
+            if *belongs > 0.0 {
                 // Of what is hidden by the ball nothing may be known.
                 counts[0] += 1;
                 assert!(density.is_none_or(|density| density < 0.2), "ball at {place}: {density:?}");
             } else if met.abs().max_element() < 0.9 * TABLE && met.length() > 2.5 * BALL {
-                // On the edges of squares both colours are the plane's.
-                let density = density.unwrap();
-                assert!(density > 1.0, "table at {place}: {density:?}");
+                // On the edges of squares both colours are the plane's, or views do not agree.
+                assert!(density.is_none_or(|density| density > 1.0), "table at {place}: {density:?}");
                 counts[1] += 1;
-                counts[3] += usize::from(density > 50.0);
+                if let Some(density) = density.filter(|density| *density > 50.0) {
+                    counts[3] += 1;
+                    // The colour of the other squares is not that of the plane here.
+                    let other = if view.colors[pixel] == DARK { LIGHT } else { DARK };
+                    let of_other = colors.density(&view.camera, place, other).unwrap();
+                    assert!(of_other < 0.01 * density, "{of_other} at {place}");
+                }
             } else if met.truncate().abs().max_element() > 1.1 * TABLE {
                 counts[2] += usize::from(density.is_none());
             }
         }
         assert!(counts[0] > 300 && counts[1] > 1000 && counts[2] > 1000, "{counts:?}");
         assert!(10 * counts[3] > 7 * counts[1], "{counts:?}");
-        // The colour of a dark square on a light one.
-        let light = Vec3::new(0.3, 0.5 * 0.2, -BALL);
-        assert_ne!(table(light), table(light + 0.2 * Vec3::X));
-        let (place, _) = view.camera.project(light);
-        let of = |color| colors.density(&view.camera, place, color).unwrap();
-        assert!(of(table(light).unwrap()) > 100.0 * of(table(light + 0.2 * Vec3::X).unwrap()));
     }
 }
