@@ -12,7 +12,8 @@
 #   more than .998 of their union. All three render pictures of 2048 pixels without antialiasing, of which each 4x4 are
 #   averaged. Blender: Cycles on the CPU, the view transform Standard. three.js: no tone mapping.
 #
-# Where MESH.usdz of the same mesh lies beside, three.js shows that, too.
+# Where MESH.usdz of the same mesh lies beside, three.js shows that, too, and OpenUSD's validators have no message, where
+# python3 has them (pip install usd-core; without them it says so).
 #
 # Pictures, side by side with their differences, lie in OUT/sheets, figures in OUT/figures.json. Exit code 1: something
 # differs. It needs Blender (3.4 or later) with numpy, Chromium, node and npm: `apt install blender python3-numpy chromium
@@ -59,9 +60,15 @@ done
 blender --background --factory-startup --python-exit-code 1 --python "$here/blender_render.py" -- \
     "$mesh" "$out" above below >"$out/blender.log" 2>&1 || { tail -n 20 "$out/blender.log" >&2; exit 1; }
 node "$here/three_render.mjs" "$cache" "$chromium" "$mesh" "$out" three above below
-rm -rf "$out/usdz"
 usdz=${mesh%.*}.usdz
-[ ! -f "$usdz" ] || node "$here/three_render.mjs" "$cache" "$chromium" "$usdz" "$out" usdz above below
+if [ -f "$usdz" ]; then
+    node "$here/three_render.mjs" "$cache" "$chromium" "$usdz" "$out" usdz above below
+    if python3 -c 'import pxr' 2>/dev/null; then
+        python3 "$here/validate_usdz.py" "$usdz" || failed=1
+    else
+        echo "not validated: $usdz (pip install usd-core)"
+    fi
+fi
 reference=${mesh%.*}.ply
 [ -f "$reference" ] || reference=$mesh
 # Blender's Python has numpy and reads pictures.

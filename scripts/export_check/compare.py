@@ -2,7 +2,7 @@
 
     blender --background --factory-startup --python compare.py -- MESH.glb REFERENCE OUT ORBIT...
 
-What three.js makes of a USDZ lies in OUT/usdz where there is one.
+Where MESH.usdz lies beside, what three.js makes of it lies in OUT/usdz.
 REFERENCE has the extent that is expected: a PLY as this program writes it, or the GLB itself.
 """
 
@@ -16,7 +16,7 @@ import numpy as np
 
 mesh_file, reference, out, *orbits = sys.argv[sys.argv.index("--") + 1 :]
 
-programs = ["blender", "three"] + ["usdz"] * os.path.isdir(os.path.join(out, "usdz"))
+programs = ["blender", "three"] + ["usdz"] * os.path.isfile(os.path.splitext(mesh_file)[0] + ".usdz")
 
 # Pixels along the edge of the block that is averaged.
 BLOCK = 4

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 use anyhow::{Context, Result, bail};
 use dvr_core::dataset::ReadOptions;
 use dvr_core::files::check_file;
-use dvr_core::mesh::{Mesh, read_mesh_with_warnings, write_mesh};
+use dvr_core::mesh::{Mesh, check_mesh_format, read_mesh_with_warnings, write_mesh};
 use dvr_core::metrics::Simplification;
 use dvr_core::{Cancellation, HOLD_OUT_EVERY, Scene, ViewSplit, stereo_cloud};
 use dvr_sfm::{PoissonOptions, poisson_surface};
@@ -18,10 +18,8 @@ use crate::progress::Progress;
 
 /// Reads, makes the surface and writes it.
 pub fn run(args: &Points2MeshArgs, cancellation: &Cancellation) -> Result<ExitCode> {
-    match args.out.extension().unwrap_or_default().to_string_lossy().to_lowercase().as_str() {
-        "ply" | "glb" | "usdz" | "obj" => check_file(&args.out, args.overwrite)?,
-        _ => bail!("{}: a surface is written as .ply, .glb, .usdz or .obj", args.out.display()),
-    }
+    check_mesh_format(&args.out)?;
+    check_file(&args.out, args.overwrite)?;
     let cloud = cloud(args, cancellation)?;
     let options = PoissonOptions { cancellation: cancellation.clone(), ..args.options() };
     let mut surface = poisson_surface(&cloud, &options).with_context(|| args.cloud.display().to_string())?;

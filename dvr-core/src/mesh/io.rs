@@ -74,7 +74,7 @@ pub fn check_mesh_format(path: impl AsRef<Path>) -> crate::Result<()> {
 }
 
 /// The formats of meshes that are written.
-const WRITTEN: &str = "OBJ, PLY, GLB or USDZ";
+const WRITTEN: &str = ".obj, .ply, .glb or .usdz";
 
 pub(super) fn extension(path: &Path) -> String {
     path.extension().unwrap_or_default().to_string_lossy().to_lowercase()

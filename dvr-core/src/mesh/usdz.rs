@@ -1,8 +1,7 @@
 //! Writing USDZ, which phones and tablets of Apple show without an app. (`openusd.org/release/spec_usdz.html`; materials:
 //! `openusd.org/release/spec_usdpreviewsurface.html`.)
 //!
-//! The scene inside is text (USDA), which every version of every reader takes: binary layers that the `openusd` crate (0.6)
-//! writes are refused by OpenUSD 26.11.
+//! The scene inside is text (USDA): binary layers that the `openusd` crate (0.6) writes are refused by OpenUSD 26.11.
 
 use std::fmt::{Display, Write as _};
 use std::io::{Cursor, Write as _};

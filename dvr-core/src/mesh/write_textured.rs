@@ -64,13 +64,13 @@ pub(super) struct StoredTexture {
 pub fn write_textured_mesh(path: impl AsRef<Path>, textured: &TexturedMesh, style: MeshStyle) -> Result<()> {
     let path = path.as_ref();
     let texture = textured.materials.first().and_then(|material| material.texture.as_ref());
-    match (extension(path).as_str(), texture.map(|texture| opaque(texture))) {
-        ("glb", Some(texture)) => write_glb(path, textured, &texture, style),
+    match (extension(path).as_str(), texture) {
+        ("glb", Some(texture)) => write_glb(path, textured, &opaque(texture), style),
         ("glb", None) if style.is_compressed => {
             write_bytes_atomically(path, &encode(&textured.mesh, &stem(path), true))
         }
-        ("obj", Some(texture)) => write_obj(path, textured, &texture, style.look),
-        ("usdz", Some(texture)) => write_usdz(path, textured, &texture, style.look),
+        ("obj", Some(texture)) => write_obj(path, textured, &opaque(texture), style.look),
+        ("usdz", Some(texture)) => write_usdz(path, textured, &opaque(texture), style.look),
         _ => write_mesh(path, &textured.mesh),
     }
 }
