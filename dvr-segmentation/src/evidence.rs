@@ -9,6 +9,7 @@ use rayon::prelude::*;
 use crate::HALF;
 use crate::plane_sweep::{Reach, depths};
 use crate::shrunk::Shrunk;
+use crate::static_background::static_pixels;
 use crate::support_plane::{SupportPlane, support_plane};
 
 /// The object is looked for up to this far beyond the cube's middle, as a share of its half edge: a little further.
@@ -79,6 +80,12 @@ impl Evidence {
                 unanimous(&points.iter().map(says).collect::<Vec<f32>>(), view.width)
             })
             .collect();
+        // The depth of what stands still while the object turns may be anything.
+        let stands_still = static_pixels(views, asked);
+        for says in &mut says {
+            let still = says.iter_mut().zip(&stands_still).filter(|(_, still)| **still);
+            still.for_each(|(says, _)| *says = says.min(0.0));
+        }
         // Windows leave no depth beside the frame. Pixels there are background where none that is known to be the object's is near.
         for (says, view) in says.iter_mut().zip(views) {
             let reach = (CUT * view.width.max(view.height) as f32) as usize;

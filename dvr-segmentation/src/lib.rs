@@ -28,6 +28,7 @@ mod parts;
 mod plane_sweep;
 mod segment;
 mod shrunk;
+mod static_background;
 mod support_colors;
 mod support_plane;
 mod volume;
