@@ -31,7 +31,7 @@ impl Log {
     }
 
     /// A line. One that cannot be written is lost: the disk says so where it matters.
-    fn line(&mut self, line: &str) {
+    pub fn line(&mut self, line: &str) {
         if let Some(file) = &mut self.file {
             let _ = writeln!(file, "{line}");
         }

@@ -75,6 +75,7 @@ pub fn find_cameras(
         Steps { engine: &engine, options, is_clip: matches!(source, Source::Clip(_)), feature_masks: None, tell };
     workspace.step("features", |workspace| steps.features(workspace))?;
     workspace.step("matching", |workspace| steps.matches(workspace))?;
+    workspace.step("static background", |workspace| steps.leave_out_static_background(workspace))?;
     workspace.step("mapping", |workspace| steps.mapping(workspace))?;
     let models = models(&workspace)?;
     let Some((largest, _)) = models.first() else {

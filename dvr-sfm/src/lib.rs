@@ -15,7 +15,8 @@
 //!
 //! The steps are COLMAP's: features (SIFT), matching, mapping (Schoenberger and Frahm, *Structure-from-Motion Revisited*,
 //! CVPR 2016), bundle adjustment and undistortion. A step that is finished is not made again: what was stopped goes on where it was. What
-//! the installed version calls its options is read from its help.
+//! the installed version calls its options is read from its help. Where the pictures show an object on a turntable before a
+//! room, matches of the room, which stands still, are left out before the mapping.
 //!
 //! The folder that is written holds `images/` (undistorted), `sparse/0/` (COLMAP's text files), `transforms.json` and
 //! `points.ply` (nerfstudio), `masks/` where the photographs have masks, `sfm.json` (what was found) and `sfm.log` (all
@@ -43,6 +44,7 @@ mod poisson;
 mod progress;
 mod result;
 mod source;
+mod static_background;
 mod steps;
 mod workspace;
 

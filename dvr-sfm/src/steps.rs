@@ -10,11 +10,13 @@ use std::process::Command;
 use dvr_core::dataset::{ColmapModel, read_colmap_model};
 
 use crate::child::{Heard, Task, run};
+use crate::database::{LeftOut, MatchTable, Matches, left_out};
 use crate::engine::{Engine, Options};
 use crate::error::{Result, SfmError};
 use crate::options::{CameraSharing, Event, Mapper, Matching, SfmOptions};
 use crate::pictures::Prepared;
 use crate::progress::progress_of;
+use crate::static_background::StaticBackground;
 use crate::workspace::{Workspace, refused, remove};
 
 /// Up to this many pictures are compared each with each.
@@ -138,6 +140,27 @@ impl Steps<'_> {
         }
     }
 
+    /// Leaves matches out that show what stands still behind a turntable, and verifies the others anew.
+    pub fn leave_out_static_background(&mut self, workspace: &mut Workspace) -> Result<()> {
+        let database = workspace.work(DATABASE);
+        let left_out = match left_out(&database) {
+            // A process that was killed then may not have verified all.
+            Some(left_out) => left_out,
+            None => {
+                let Some(left_out) = drop_static_background(workspace)? else { return Ok(()) };
+                left_out
+            }
+        };
+        self.matches(workspace)?;
+        let LeftOut { left_out, of } = left_out;
+        let note = format!(
+            "the pictures show something that stands still while the object turns: {left_out} of {of} matches, which are left out"
+        );
+        workspace.note(note.clone());
+        (self.tell)(Event::Note(note));
+        Ok(())
+    }
+
     /// Which pictures are compared where nobody says it.
     fn matching_of(&self, count: usize) -> Matching {
         let few = if self.is_clip { FEW_FRAMES } else { FEW };
@@ -226,7 +249,9 @@ impl Steps<'_> {
         let known = self.engine.options("bundle_adjuster");
         let mut command = self.engine.command("bundle_adjuster");
         command.arg("--input_path").arg(model).arg("--output_path").arg(&target);
-        let is_told = workspace.pictures().len() >= TELL_PRINCIPAL_POINT;
+        // On a turntable all cameras are inclined alike: the principal point trades against that.
+        let is_turntable = left_out(&workspace.work(DATABASE)).is_some();
+        let is_told = workspace.pictures().len() >= TELL_PRINCIPAL_POINT && !is_turntable;
         if is_told && self.options.sharing != CameraSharing::Picture {
             known.set(&mut command, &["BundleAdjustment.refine_principal_point"], 1);
         }
@@ -298,6 +323,29 @@ impl Steps<'_> {
         };
         run(command, task, &mut workspace.log, &self.options.cancellation, &mut heard)
     }
+}
+
+/// Takes matches of what stands still out of the database; how many, or `None` where nothing does.
+fn drop_static_background(workspace: &mut Workspace) -> Result<Option<LeftOut>> {
+    let mut sizes = workspace.pictures().iter().map(|picture| picture.size);
+    // A camera on a tripod is not turned upright.
+    let Some(size) = sizes.next().filter(|size| sizes.all(|other| other == *size)) else { return Ok(None) };
+    let path = workspace.work(DATABASE);
+    let matches = match Matches::read(&path, MatchTable::Raw) {
+        Ok(matches) => matches,
+        Err(error) => {
+            // A COLMAP that keeps them otherwise still finds cameras.
+            workspace.log.line(&format!("whether something stands still was not looked for: {error}"));
+            return Ok(None);
+        }
+    };
+    let Some(background) = StaticBackground::of(&matches, f64::from(size.0.max(size.1))) else { return Ok(None) };
+    let moving = background.without(&matches);
+    let count = |matches: &Matches| matches.pairs.iter().map(|pair| pair.matches.len()).sum::<usize>();
+    let of = count(&matches);
+    let left_out = LeftOut { left_out: of - count(&moving), of };
+    moving.replace(&path, left_out)?;
+    Ok(Some(left_out))
 }
 
 /// Pictures by their camera.

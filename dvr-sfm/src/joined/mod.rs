@@ -17,7 +17,7 @@ use dvr_core::files::check_beside_data;
 use dvr_core::mesh::{Mesh, write_mesh};
 use sha2::{Digest, Sha256};
 
-use crate::database::Matches;
+use crate::database::{MatchTable, Matches};
 use crate::engine::Engine;
 use crate::error::SfmError;
 use crate::options::{CameraSharing, Event, Matching, SfmOptions};
@@ -102,7 +102,7 @@ fn join(
         Steps { engine, options: &options_of_all, is_clip: false, feature_masks: Some(FEATURE_MASKS), tell };
     workspace.step("features", |workspace| steps.features(workspace))?;
     workspace.step("matching", |workspace| steps.matches(workspace))?;
-    let points = SharedPoints::of(&Matches::read(&workspace.work(DATABASE))?, &views);
+    let points = SharedPoints::of(&Matches::read(&workspace.work(DATABASE), MatchTable::Verified)?, &views);
     let placements = place_sets(&points, sets.len());
     let unsure = sets.iter().zip(&placements).find(|(_, placement)| !placement.is_sure());
     if let Some((set, placement)) = unsure {
