@@ -60,6 +60,7 @@ mod picture_camera;
 mod pixel_aligned;
 mod pytorch;
 mod record;
+mod seeded;
 mod shapes;
 mod tensors;
 
@@ -73,6 +74,7 @@ pub use fused::FusedDecoder;
 pub use image_model::{AlignedLayer, ImageModel, ImageModelConfig, Seen};
 pub use pytorch::{AdamMoments, Imported, ImportedNetwork, PytorchCheckpoint, load_pretrained, read_pytorch};
 pub use record::{FORMAT_VERSION, NetworkConfig, from_safetensors, load_safetensors, save_safetensors, to_safetensors};
+pub use seeded::seeded;
 pub use shapes::{
     Deformed, GraphDecoder, PatchDecoder, PointDecoder, ShapeDecoder, ShapeDecoderConfig, ShapeModel, ShapeModelConfig,
     SphereDecoder, VoxelDecoder,

@@ -7,9 +7,7 @@ mod field_suite;
 pub mod fuzz;
 mod pytorch_file;
 
-use std::sync::{Mutex, PoisonError};
-
-use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
+use burn::module::{Module, ModuleMapper, Param};
 use burn::tensor::{DType, Device, FloatDType, Int, Tensor, TensorData};
 use dvr_core::Scene;
 use dvr_core::dataset::{ReadOptions, read_scene};
@@ -25,25 +23,10 @@ pub use dvr_test_support::{
 pub use field_suite::check_field;
 pub use pytorch_file::{Entry, write_pytorch};
 
-/// A module whose parameters are burn's random numbers on the CPU from a seed on. The generator is shared by the whole
-/// process: whatever else draws numbers meanwhile, in another test, must do so through this function too.
+/// A module whose parameters are burn's random numbers on the CPU from a seed on. Other tests draw from the same generator
+/// meanwhile: all make their modules through this function.
 pub fn seeded<M: Module>(seed: u64, make: impl FnOnce() -> M) -> M {
-    static TURN: Mutex<()> = Mutex::new(());
-    // A test that failed while it held the lock has reported that itself.
-    let _turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
-    Device::flex().seed(seed);
-    let module = make();
-    module.visit(&mut DrawnNow);
-    module
-}
-
-/// Parameters draw their numbers when they are first looked at.
-struct DrawnNow;
-
-impl ModuleVisitor for DrawnNow {
-    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
-        param.val();
-    }
+    dvr_model::seeded(&Device::flex(), seed, make)
 }
 
 /// Arrays that DVR's reference code computed.

@@ -8,6 +8,7 @@ use std::sync::Arc;
 use burn::module::Module;
 use burn::tensor::Device;
 use dvr_core::View;
+use dvr_model::seeded;
 use dvr_render::Crossing;
 use serde_json::Value;
 
@@ -146,8 +147,7 @@ impl<F: Crossing + Module + 'static> Method for FieldMethod<F> {
     fn start<'a>(&self, start: Start<'a, '_>) -> Result<Box<dyn Learner + 'a>> {
         let Start { scene, train, validation, device, data_parallel, is_resumed, cancellation, observer } = start;
         let config = &self.config;
-        device.seed(config.seed);
-        let mut field = (self.make)(config, &device.clone().autodiff());
+        let mut field = seeded(&device, config.seed, || (self.make)(config, &device.clone().autodiff()));
         let hull = carve_hull(&train, config.hull.resolution)?;
         if hull.is_empty() {
             observer.note("the masks have no visual hull in common: training starts from noise");

@@ -8,7 +8,7 @@ use burn::module::Module;
 use burn::optim::ModuleOptimizer;
 use burn::tensor::Device;
 use dvr_core::dataset::ObjectDataset;
-use dvr_model::load_pretrained;
+use dvr_model::{load_pretrained, seeded};
 use dvr_render::ViewMetrics;
 
 use super::fields_task::FieldsTask;
@@ -50,8 +50,7 @@ impl<T: ObjectsTask> TaskTrainer<T> {
     pub fn new(dataset: Arc<ObjectDataset>, config: T::Config, device: Device) -> Result<Self> {
         let task = Arc::new(T::new(dataset.clone(), config)?);
         let TaskSettings { seed, validate_objects, image_size, .. } = task.settings();
-        device.seed(seed);
-        let network = task.network(&device.clone().autodiff());
+        let network = seeded(&device, seed, || task.network(&device.clone().autodiff()));
         let mut broken_validation = BTreeMap::new();
         let validation_views =
             read_validation_views(&dataset, validate_objects, image_size, seed, |object, problem| {

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use burn::tensor::{Device, Tensor, TensorData};
 use burn_store::pytorch_reader::{DType, PytorchReader};
 use dvr_model::*;
-use dvr_tests::*;
+use dvr_tests::{seeded, *};
 
 /// Tensors of a PyTorch file as the numbers they are, by name below `prefix`; counts too.
 fn in_file(path: &PathBuf, prefix: &str) -> BTreeMap<String, Vec<f64>> {
@@ -80,7 +80,7 @@ fn a_resnet_round_trips_bit_for_bit_and_gives_the_reference_codes() {
     let device = Device::flex();
     let config =
         ImageModelConfig { decoder: DecoderConfig::new().with_code_dim(256).with_hidden(4), ..Default::default() };
-    let mut model = config.init(&device);
+    let mut model = seeded(0, || config.init(&device));
     model.encoder = load_pretrained(model.encoder, &path, &device).unwrap();
     let mut again = exported(&to_safetensors(&model, &config).unwrap());
     again.retain(|name, _| name.starts_with("encoder."));
@@ -158,7 +158,7 @@ fn encoder_and_decoder_come_out_as_they_went_in_and_the_shapes_tell_the_configur
     let kinds = [small().encoder, EncoderConfig::Codes { objects: 5 }, EncoderConfig::Resnet18 { image_size: 224 }];
     for encoder in kinds {
         let config = ImageModelConfig { encoder, ..small() };
-        let tensors = state_dict(&config.init(&Device::flex()), &config);
+        let tensors = state_dict(&seeded(0, || config.init(&Device::flex())), &config);
         let checkpoint = read_model(tensors.clone()).unwrap();
         assert_eq!(checkpoint.iteration, Some(7));
         let ImportedNetwork::ImageModel(imported) = checkpoint.network else { panic!("it has an encoder") };
@@ -171,7 +171,7 @@ fn encoder_and_decoder_come_out_as_they_went_in_and_the_shapes_tell_the_configur
 #[test]
 fn a_network_without_texture_is_grey() {
     let config = small();
-    let mut tensors = state_dict(&config.init(&Device::flex()), &config);
+    let mut tensors = state_dict(&seeded(0, || config.init(&Device::flex())), &config);
     for (name, shape, values) in &mut tensors {
         if name.starts_with("decoder.fc_out") {
             values.truncate(values.len() / 4);
@@ -192,7 +192,7 @@ type Change<'a> = &'a dyn Fn(&mut StateDict);
 #[test]
 fn tensors_that_the_reference_code_does_not_have_are_named() {
     let config = small();
-    let good = state_dict(&config.init(&Device::flex()), &config);
+    let good = state_dict(&seeded(0, || config.init(&Device::flex())), &config);
     let refusal = |change: Change| {
         let mut tensors = good.clone();
         change(&mut tensors);
@@ -237,7 +237,7 @@ fn a_checkpoint_that_is_cut_short_is_refused() {
 fn an_encoder_starts_from_torchvisions_features_whatever_the_classifier() {
     let device = Device::flex();
     let config = ImageModelConfig { encoder: EncoderConfig::default(), ..small() };
-    let donor = config.init(&device);
+    let donor = seeded(0, || config.init(&device));
     let prefix = "encoder.features.";
     let features = state_dict(&donor, &config).into_iter().filter(|(name, ..)| name.starts_with(prefix));
     let features: Vec<_> =
@@ -249,7 +249,7 @@ fn an_encoder_starts_from_torchvisions_features_whatever_the_classifier() {
     let path = folder.path().join("resnet18.pth");
     write_pytorch(&path, &Entry::tensors(file));
 
-    let mut model = config.init(&device);
+    let mut model = seeded(0, || config.init(&device));
     let last =
         |model: &ImageModel| state_dict(model, &config).into_iter().find(|t| t.0 == "encoder.fc.weight").unwrap();
     let before = last(&model);
@@ -260,12 +260,14 @@ fn an_encoder_starts_from_torchvisions_features_whatever_the_classifier() {
 
     // And it is trained on from there.
     let tracking = device.clone().autodiff();
-    let Encoder::Resnet18(trained) = load_pretrained(config.init(&tracking).encoder, &path, &tracking).unwrap() else {
+    let Encoder::Resnet18(trained) =
+        load_pretrained(seeded(0, || config.init(&tracking)).encoder, &path, &tracking).unwrap()
+    else {
         panic!("as configured");
     };
     let gradients = trained.forward(Tensor::ones([1, 3, 32, 32], &tracking)).sum().backward();
     assert!(trained.features.conv1.weight.val().grad(&gradients).is_some());
 
-    let other = small().init(&device).encoder;
+    let other = seeded(0, || small().init(&device)).encoder;
     assert!(load_pretrained(other, &path, &device).unwrap_err().to_string().contains("the encoder is another"));
 }
