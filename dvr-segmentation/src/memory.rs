@@ -4,7 +4,7 @@ use dvr_core::View;
 
 use crate::color_model::MODEL_BYTES;
 use crate::plane_sweep::SWEPT_PIXEL;
-use crate::segment::{FINAL_SIZE, NODES, WORKING_SIZE};
+use crate::segment::{FINAL_SIZE, ROUNDS, WORKING_SIZE};
 use crate::within_cube;
 
 /// Bytes of a pixel of a working picture: its colour, what depths say, prices of edges, what belongs to the object, distances.
@@ -29,7 +29,7 @@ pub fn memory_estimate(views: &[View]) -> u64 {
     let of_view = |view: &View| 2 * MODEL_BYTES + pixels(view, WORKING_SIZE) * WORKING_PIXEL;
     let of_mask = |view: &View| u64::from(view.image.width()) * u64::from(view.image.height());
     let of_thread = (largest(WORKING_SIZE) * SWEPT_PIXEL).max(largest(FINAL_SIZE) * FINAL_PIXEL).max(4 * MODEL_BYTES);
-    let nodes = NODES.into_iter().fold(within_cube::NODES, usize::max) as u64;
+    let nodes = ROUNDS.iter().map(|round| round.nodes).fold(within_cube::NODES, usize::max) as u64;
     views.iter().map(|view| of_view(view) + of_mask(view)).sum::<u64>() + threads * of_thread + nodes.pow(3) * NODE
 }
 

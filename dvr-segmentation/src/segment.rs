@@ -16,7 +16,7 @@ use crate::parts::join_parts;
 use crate::shrunk::Shrunk;
 use crate::support_colors::SupportColors;
 use crate::support_plane::SupportPlane;
-use crate::volume::{Cube, Volume};
+use crate::volume::{Cube, Round, Volume};
 use crate::within_cube::within_cube;
 
 /// Longer side of the pictures that are worked on, pixels.
@@ -25,8 +25,12 @@ pub(crate) const WORKING_SIZE: u32 = 200;
 /// Longer side of the pictures in which outlines are drawn at last, pixels.
 pub(crate) const FINAL_SIZE: u32 = 800;
 
-/// Nodes along an edge of the volume, round by round.
-pub(crate) const NODES: [usize; 5] = [65, 65, 97, 97, 97];
+/// The rounds. At first masks are rough, and more views may be wrong about a place: a part that is lost then does not come
+/// back, while what is too much still looks like background.
+pub(crate) const ROUNDS: [Round; 5] = {
+    let (rough, fine) = (Round { nodes: 65, disagreeing: 0.16 }, Round { nodes: 97, disagreeing: 0.08 });
+    [rough, rough, fine, fine, fine]
+};
 
 /// From this round on only the cube around what was found is looked at, with a margin of this share.
 const CLOSER: usize = 2;
@@ -133,7 +137,7 @@ pub fn segment(
         return Err(SegmentationError::TooFewViews { found, least: LEAST_VIEWS });
     }
     // A view's part of a round is about a third of its depths.
-    let (parts, done) = ((NODES.len() + 4) * views.len(), AtomicUsize::new(0));
+    let (parts, done) = ((ROUNDS.len() + 4) * views.len(), AtomicUsize::new(0));
     let advance = |more: usize| progress(done.fetch_add(more, Ordering::Relaxed) + more, parts);
     let small: Vec<Shrunk> = views.par_iter().map(|view| Shrunk::new(view, WORKING_SIZE)).collect();
     if wanted != Wanted::Cube {
@@ -162,8 +166,8 @@ fn object(
 ) -> Result<Segmentation, SegmentationError> {
     let evidence = Evidence::of(small, asked, cancellation, &|| advance(3))?;
     let mut work = Work::new(small, asked, evidence);
-    for nodes in NODES {
-        work.round(nodes, cancellation)?;
+    for round in ROUNDS {
+        work.round(round, cancellation)?;
         advance(views.len());
     }
     let masks = (0..views.len()).into_par_iter().map(|i| {
@@ -204,7 +208,7 @@ impl<'a> Work<'a> {
     }
 
     /// Colours, outlines, volume.
-    fn round(&mut self, nodes: usize, cancellation: &Cancellation) -> Result<(), SegmentationError> {
+    fn round(&mut self, round: Round, cancellation: &Cancellation) -> Result<(), SegmentationError> {
         cancellation.check()?;
         let views = self.views;
         // Distance of each pixel to the outline of the volume, where there is one.
@@ -238,7 +242,7 @@ impl<'a> Work<'a> {
         let support = self.evidence.support;
         let is_allowed =
             |point: Vec3| point.abs().max_element() < HALF && support.is_none_or(|plane| plane.distance(point) > LYING);
-        let volume = Volume::agreed(&self.asked(), cube, nodes, is_allowed, cancellation)?;
+        let volume = Volume::agreed(&self.asked(), cube, round, is_allowed, cancellation)?;
         if volume.is_empty() {
             return Err(SegmentationError::NothingFound);
         }

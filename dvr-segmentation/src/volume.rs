@@ -8,10 +8,7 @@ use rayon::prelude::*;
 use crate::HALF;
 use crate::shrunk::Shrunk;
 
-/// The share of the views that may show background where the object is.
-const DISAGREEING: f32 = 0.08;
-
-/// By how much that share must be exceeded so that a node certainly is empty.
+/// By how much the share of views that disagree must exceed what is borne with, so that a node certainly is empty.
 const RANGE: f32 = 0.15;
 
 /// Views that must have a place in their frames.
@@ -43,15 +40,25 @@ pub(crate) struct Cube {
     pub half: f32,
 }
 
+/// How views come to agree.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Round {
+    /// Nodes along an edge of the volume.
+    pub nodes: usize,
+    /// The share of the views that may show background where the object is.
+    pub disagreeing: f32,
+}
+
 impl Volume {
-    /// What most views show as object, by how much each of their pixels belongs to it, and where `is_allowed`.
+    /// What most views show as object, by how much each of their pixels belongs to it, and where `is_allowed`: up to a
+    /// share `disagreeing` of the views that see a place may show background there.
     ///
     /// # Errors
     /// [`Cancelled`] where somebody wants it to end.
     pub fn agreed(
         views: &[(&Shrunk, &[f32])],
         cube: Cube,
-        nodes: usize,
+        Round { nodes, disagreeing }: Round,
         is_allowed: impl Fn(Vec3) -> bool + Sync,
         cancellation: &Cancellation,
     ) -> Result<Self, Cancelled> {
@@ -76,7 +83,7 @@ impl Volume {
             if seeing < MIN_SEEING {
                 return UNSEEN;
             }
-            ((background / seeing as f32 - DISAGREEING) / RANGE).clamp(-1.0, 1.0)
+            ((background / seeing as f32 - disagreeing) / RANGE).clamp(-1.0, 1.0)
         };
         let price: Vec<f32> = (0..grid.len()).into_par_iter().map(price).collect();
         cancellation.check()?;
@@ -156,5 +163,40 @@ impl Volume {
             }
         }
         shown
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use dvr_core::{Camera, View, stored};
+    use glam::DVec3;
+    use image::RgbImage;
+
+    use super::*;
+
+    #[test]
+    fn a_place_is_kept_where_no_more_views_disagree_than_is_borne_with() {
+        // A ring of views that all show a disc, but for some that show nothing.
+        let eye = |index: usize| {
+            let angle = std::f64::consts::TAU * index as f64 / 16.0;
+            2.0 * DVec3::new(angle.cos(), 0.0, angle.sin())
+        };
+        let camera = |index| Camera::look_at(32, 32, 32.0, eye(index), DVec3::ZERO, DVec3::Y);
+        let view = |index: usize| View::new(index.to_string(), camera(index), stored(RgbImage::new(32, 32)), None);
+        let views: Vec<Shrunk> = (0..16).map(|index| Shrunk::new(&view(index), 32)).collect();
+        let distance = |pixel: usize| ((pixel % 32) as f32 - 15.5).hypot((pixel / 32) as f32 - 15.5);
+        let disc: Vec<f32> = (0..32 * 32).map(|pixel| if distance(pixel) < 6.0 { 1.0 } else { 0.0 }).collect();
+        let nothing = vec![0.0; 32 * 32];
+        let is_solid = |blind: usize, disagreeing: f32| {
+            let belongs = |index: usize| if index < blind { &nothing } else { &disc };
+            let views: Vec<(&Shrunk, &[f32])> =
+                views.iter().enumerate().map(|(index, view)| (view, belongs(index).as_slice())).collect();
+            let cube = Cube { origin: Vec3::ZERO, half: HALF };
+            let round = Round { nodes: 17, disagreeing };
+            !Volume::agreed(&views, cube, round, |_| true, &Cancellation::default()).unwrap().is_empty()
+        };
+        // Sixteenths.
+        assert!(is_solid(0, 0.08) && is_solid(1, 0.16) && is_solid(2, 0.24));
+        assert!(!is_solid(2, 0.08) && !is_solid(4, 0.16));
     }
 }
