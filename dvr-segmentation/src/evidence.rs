@@ -42,6 +42,8 @@ pub(crate) struct Evidence {
     pub says: Vec<Vec<f32>>,
     /// What the object stands on.
     pub support: Option<SupportPlane>,
+    /// Pixels that stand still while the object turns, in all views; empty where pictures differ in size.
+    pub stands_still: Vec<bool>,
 }
 
 impl Evidence {
@@ -108,7 +110,7 @@ impl Evidence {
                 seed.for_each(|pixel| says[pixel] = 1.0);
             }
         }
-        Ok(Self { says, support })
+        Ok(Self { says, support, stands_still })
     }
 }
 

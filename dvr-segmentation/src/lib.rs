@@ -26,6 +26,7 @@ mod memory;
 mod outline;
 mod parts;
 mod plane_sweep;
+mod radiance;
 mod segment;
 mod shrunk;
 mod static_background;

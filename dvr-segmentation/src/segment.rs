@@ -2,28 +2,22 @@
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use dvr_core::{Cancellation, Mask, Split, View, signed_distance, stored};
+use dvr_core::{Cancellation, Mask, Split, View, signed_distance};
 use glam::Vec3;
-use image::{GrayImage, Luma, imageops};
 use rayon::prelude::*;
 
 use crate::HALF;
 use crate::color_model::{ColorCounts, ColorModel, MAX_RATIO, ObjectColors};
 use crate::error::SegmentationError;
 use crate::evidence::Evidence;
-use crate::outline::Edges;
+use crate::outline::{Edges, OUTLINE, drawn};
 use crate::parts::join_parts;
-use crate::shrunk::Shrunk;
+use crate::radiance::{Fit, LEVELS, LearnedMasks};
+use crate::shrunk::{FINAL_SIZE, Shrunk, WORKING_SIZE};
 use crate::support_colors::SupportColors;
-use crate::support_plane::SupportPlane;
+use crate::support_plane::{LYING, SupportPlane};
 use crate::volume::{Cube, Round, Volume};
 use crate::within_cube::within_cube;
-
-/// Longer side of the pictures that are worked on, pixels.
-pub(crate) const WORKING_SIZE: u32 = 200;
-
-/// Longer side of the pictures in which outlines are drawn at last, pixels.
-pub(crate) const FINAL_SIZE: u32 = 800;
 
 /// The rounds. At first masks are rough, and more views may be wrong about a place: a part that is lost then does not come
 /// back, while what is too much still looks like background.
@@ -32,13 +26,8 @@ pub(crate) const ROUNDS: [Round; 5] = {
     [rough, rough, fine, fine, fine]
 };
 
-/// From this round on only the cube around what was found is looked at, with a margin of this share.
+/// From this round on only the cube around what was found is looked at.
 const CLOSER: usize = 2;
-const MARGIN: f32 = 0.25;
-
-/// What a pixel's side of outline costs in plain colour; a pixel of a colour that is a hundred times as frequent in the
-/// background costs about four.
-const OUTLINE: f32 = 1.0;
 
 /// How much a pixel counts whose depth is known.
 const DEPTH: f32 = 3.0;
@@ -72,11 +61,12 @@ const SHARPER: f32 = 4.0;
 const RING: f32 = 15.0;
 const ALL: f32 = 0.1;
 
-/// What is closer to the support plane than this is not the object, object units.
-const LYING: f32 = 0.004;
-
 /// Steps of the solver: at first, in each round, and in the end.
 const STEPS: [usize; 3] = [400, 100, 60];
+
+/// Mean overlap (intersection over union) with the masks found before, after each level, from which those learned are believed:
+/// two ways that have little in common do not find the same by chance.
+const ALIKE: [f64; LEVELS.len()] = [0.88, 0.93, 0.94];
 
 /// Views that are needed.
 const LEAST_VIEWS: usize = 4;
@@ -88,6 +78,8 @@ pub enum Wanted {
     Auto,
     /// The object that stands out, and nothing else.
     Object,
+    /// What is learned of the object together with the background, and nothing else.
+    Learned,
     /// All that lies in a cube around what is in the middles of pictures.
     Cube,
 }
@@ -110,6 +102,8 @@ pub struct Segmentation {
     pub shown: Shown,
     /// What the object stands on, where that was found, in the space of the views. It is not part of the object.
     pub support: Option<SupportPlane>,
+    /// Whether outlines are those of a field in which object and background were learned together.
+    pub is_learned: bool,
 }
 
 /// Finds the object in all views: what they agree about in the cube [-0.5, 0.5]^3 that all cameras look at. Views for testing
@@ -120,7 +114,9 @@ pub struct Segmentation {
 /// Depths of pixels come from a plane sweep; the plane that the object stands on from them. Then, in turns: how frequent
 /// colours are in the object and around it, and what the plane looks like where nothing stands on it; the outline in each
 /// picture that agrees best with colours, depths and volume and follows its edges; and the volume that the outlines of all
-/// views agree about. Where no object stands out, masks show all that lies in a cube around what is in the middles of
+/// views agree about. Then object and background are learned together as a field of density and colour: where what that has
+/// in the cube, before the plane, is by and large the same, its outlines are taken, which are nearer to the truth between legs and
+/// where the object has the background's colours. Where no object stands out, masks show all that lies in a cube around what is in the middles of
 /// pictures.
 ///
 /// # Errors
@@ -136,14 +132,19 @@ pub fn segment(
     if found < LEAST_VIEWS {
         return Err(SegmentationError::TooFewViews { found, least: LEAST_VIEWS });
     }
-    // A view's part of a round is about a third of its depths.
-    let (parts, done) = ((ROUNDS.len() + 4) * views.len(), AtomicUsize::new(0));
+    // A view's part of a round is about a third of its depths, and a half of that of a level.
+    let (parts, done) = ((ROUNDS.len() + 2 * LEVELS.len() + 5) * views.len(), AtomicUsize::new(0));
     let advance = |more: usize| progress(done.fetch_add(more, Ordering::Relaxed) + more, parts);
     let small: Vec<Shrunk> = views.par_iter().map(|view| Shrunk::new(view, WORKING_SIZE)).collect();
     if wanted != Wanted::Cube {
-        match object(views, &small, &asked, cancellation, &advance) {
+        match object(views, &small, &asked, wanted, cancellation, &advance) {
             Err(SegmentationError::NothingFound) if wanted == Wanted::Auto => {}
-            found => return found,
+            found => {
+                // What is learned is given up as soon as it differs too much.
+                let left = parts - done.load(Ordering::Relaxed).min(parts);
+                advance(left);
+                return found;
+            }
         }
     }
     // Depths and outlines of each view are what is left.
@@ -153,7 +154,7 @@ pub fn segment(
         progress(before + (parts - before) * done / (2 * views.len()), parts);
     };
     let masks = within_cube(views, &small, &asked, cancellation, &advance)?.ok_or(SegmentationError::NothingFound)?;
-    Ok(Segmentation { masks, shown: Shown::Cube, support: None })
+    Ok(Segmentation { masks, shown: Shown::Cube, support: None, is_learned: false })
 }
 
 /// The object, where one stands out.
@@ -161,30 +162,80 @@ fn object(
     views: &[View],
     small: &[Shrunk],
     asked: &[bool],
+    wanted: Wanted,
     cancellation: &Cancellation,
     advance: &(dyn Fn(usize) + Sync),
 ) -> Result<Segmentation, SegmentationError> {
     let evidence = Evidence::of(small, asked, cancellation, &|| advance(3))?;
-    let mut work = Work::new(small, asked, evidence);
+    let support = evidence.support;
+    let segmentation = |masks, is_learned| Segmentation { masks, shown: Shown::Object, support, is_learned };
+    if wanted == Wanted::Learned {
+        let learned = learned(views, small, asked, &evidence, None, cancellation, advance)?;
+        return learned.map(|masks| segmentation(masks, true)).ok_or(SegmentationError::NothingFound);
+    }
+    let mut work = Work::new(small, asked, &evidence);
     for round in ROUNDS {
         work.round(round, cancellation)?;
         advance(views.len());
     }
-    let masks = (0..views.len()).into_par_iter().map(|i| {
+    let masks = of_all_views(views.len(), cancellation, advance, |i| work.mask(i, &views[i]))?;
+    let learned = learned(views, small, asked, &evidence, Some(&masks), cancellation, advance)?;
+    Ok(learned.map_or_else(|| segmentation(masks, false), |masks| segmentation(masks, true)))
+}
+
+/// Masks by what is learned of object and background together; `None` where that is nothing, or not `like` other masks.
+fn learned(
+    views: &[View],
+    small: &[Shrunk],
+    asked: &[bool],
+    evidence: &Evidence,
+    like: Option<&[Mask]>,
+    cancellation: &Cancellation,
+    advance: &(dyn Fn(usize) + Sync),
+) -> Result<Option<Vec<Mask>>, SegmentationError> {
+    let used = small.iter().zip(asked).filter_map(|(view, asked)| asked.then_some(view)).collect();
+    let mut fit = Fit::new(used, &evidence.stands_still);
+    for (level, alike) in ALIKE.into_iter().enumerate() {
+        fit.learn(cancellation)?;
+        advance(2 * views.len());
+        let is_last = level + 1 == ALIKE.len();
+        if like.is_none() && !is_last {
+            continue;
+        }
+        let Some(learned) = LearnedMasks::new(&fit, views, asked, evidence.support, cancellation)? else {
+            return Ok(None);
+        };
+        if like.is_some_and(|like| learned.overlap(like) < alike) {
+            return Ok(None);
+        }
+        if is_last {
+            return of_all_views(views.len(), cancellation, advance, |i| learned.mask(&views[i])).map(Some);
+        }
+    }
+    Ok(None)
+}
+
+/// One mask for each view, side by side.
+fn of_all_views(
+    views: usize,
+    cancellation: &Cancellation,
+    advance: &(dyn Fn(usize) + Sync),
+    mask: impl Fn(usize) -> Mask + Sync,
+) -> Result<Vec<Mask>, SegmentationError> {
+    let of_view = |i: usize| {
         cancellation.check()?;
-        let mask = work.mask(i, &views[i]);
+        let mask = mask(i);
         advance(1);
         Ok(mask)
-    });
-    let masks = masks.collect::<Result<_, SegmentationError>>()?;
-    Ok(Segmentation { masks, shown: Shown::Object, support: work.evidence.support })
+    };
+    (0..views).into_par_iter().map(of_view).collect()
 }
 
 /// What is known at a time.
 struct Work<'a> {
     views: &'a [Shrunk],
     asked: &'a [bool],
-    evidence: Evidence,
+    evidence: &'a Evidence,
     edges: Vec<Edges>,
     /// Per view and pixel, from 0 to 1, how much it belongs to the object.
     belongs: Vec<Vec<f32>>,
@@ -197,7 +248,7 @@ struct Work<'a> {
 
 impl<'a> Work<'a> {
     /// By depths alone. Where they say nothing, a pixel goes with what surrounds it, up to the picture's edges.
-    fn new(views: &'a [Shrunk], asked: &'a [bool], evidence: Evidence) -> Self {
+    fn new(views: &'a [Shrunk], asked: &'a [bool], evidence: &'a Evidence) -> Self {
         let edges: Vec<Edges> = views.par_iter().map(|view| Edges::new(view, OUTLINE)).collect();
         let by_depth = |(edges, says): (&Edges, &Vec<f32>)| {
             let price: Vec<f32> = says.iter().map(|says| UNKNOWN - DEPTH * says).collect();
@@ -236,8 +287,7 @@ impl<'a> Work<'a> {
         };
         self.belongs = (0..views.len()).into_par_iter().map(outline).collect();
         cancellation.check()?;
-        let closer =
-            self.volume.as_ref().filter(|_| self.rounds >= CLOSER).and_then(|volume| volume.cube_around(MARGIN));
+        let closer = self.volume.as_ref().filter(|_| self.rounds >= CLOSER).and_then(Volume::cube_around);
         let cube = closer.unwrap_or(Cube { origin: Vec3::ZERO, half: HALF });
         let support = self.evidence.support;
         let is_allowed =
@@ -320,16 +370,6 @@ impl<'a> Work<'a> {
         join_parts(&mut belongs, |pixel| covered[pixel], fine.width);
         drawn(&belongs, &fine, view)
     }
-}
-
-/// A mask as large as the picture, by how much each pixel of a smaller one belongs to what is shown.
-pub(crate) fn drawn(belongs: &[f32], fine: &Shrunk, view: &View) -> Mask {
-    let drawn = GrayImage::from_fn(fine.width as u32, fine.height as u32, |u, v| {
-        Luma([(255.0 * belongs[v as usize * fine.width + u as usize]).round() as u8])
-    });
-    let (width, height) = view.image.dimensions();
-    let full = imageops::resize(&drawn, width, height, imageops::FilterType::Triangle);
-    Mask { coverage: stored(full) }
 }
 
 /// What a pixel at this distance from the volume's outline, positive inside, is taken for because of it and of what its depth

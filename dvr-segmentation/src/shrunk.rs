@@ -4,6 +4,12 @@ use dvr_core::{Pinhole, View};
 use glam::Vec2;
 use image::imageops;
 
+/// Longer side of the pictures that are worked on, pixels.
+pub(crate) const WORKING_SIZE: u32 = 200;
+
+/// Longer side of the pictures in which outlines are drawn at last, pixels.
+pub(crate) const FINAL_SIZE: u32 = 800;
+
 /// A photograph, shrunk by averaging.
 pub(crate) struct Shrunk {
     pub camera: Pinhole,

@@ -10,6 +10,9 @@ const TRIES: usize = 4000;
 /// Points on a plane are nearer to it than this, object units.
 const ON_PLANE: f32 = 0.01;
 
+/// What is closer to the support plane than this is not the object, object units.
+pub(crate) const LYING: f32 = 0.004;
+
 /// Points that lie further behind it than this speak against a plane.
 const BEHIND: f32 = 0.03;
 

@@ -11,6 +11,9 @@ use crate::shrunk::Shrunk;
 /// By how much the share of views that disagree must exceed what is borne with, so that a node certainly is empty.
 const RANGE: f32 = 0.15;
 
+/// How much larger the cube around what is solid is, as a share.
+const MARGIN: f32 = 0.25;
+
 /// Views that must have a place in their frames.
 const MIN_SEEING: usize = 3;
 
@@ -120,15 +123,15 @@ impl Volume {
         !self.solid.contains(&true)
     }
 
-    /// The cube around what is solid, with a margin of this share; `None` where nothing is.
-    pub fn cube_around(&self, margin: f32) -> Option<Cube> {
+    /// The cube around what is solid, with a margin; `None` where nothing is.
+    pub fn cube_around(&self) -> Option<Cube> {
         let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
         for node in (0..self.grid.len()).filter(|&node| self.solid[node]) {
             let at = self.origin + self.grid.position(node);
             (low, high) = (low.min(at), high.max(at));
         }
         let half = 0.5 * (high - low).max_element() + self.grid.spacing();
-        (low.x <= high.x).then(|| Cube { origin: 0.5 * (low + high), half: (1.0 + margin) * half })
+        (low.x <= high.x).then(|| Cube { origin: 0.5 * (low + high), half: (1.0 + MARGIN) * half })
     }
 
     /// Which pixels of a view show the volume.

@@ -11,10 +11,9 @@ use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 use crate::HALF;
-use crate::outline::Edges;
+use crate::outline::{Edges, drawn};
 use crate::plane_sweep::{Depths, Reach, depths};
-use crate::segment::{FINAL_SIZE, drawn};
-use crate::shrunk::Shrunk;
+use crate::shrunk::{FINAL_SIZE, Shrunk};
 use crate::volume::Cube;
 
 /// How far depths are looked for: what may hide the cube, and what is seen beside it.

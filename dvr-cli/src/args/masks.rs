@@ -16,10 +16,23 @@ pub enum MasksFrom {
     Auto,
     /// All that lies in a cube around what is in the middles of pictures; no view may have one.
     Cube,
+    /// What is learned of the object together with the background; no view may have one.
+    Off,
     /// The scene's own.
     Given,
     /// A folder, by the names of the views.
     Folder(PathBuf),
+}
+
+impl MasksFrom {
+    /// Its word, where it asks for masks in a certain way where no view has one.
+    pub fn asks_for(&self) -> Option<&'static str> {
+        match self {
+            Self::Cube => Some("cube"),
+            Self::Off => Some("off"),
+            Self::Auto | Self::Given | Self::Folder(_) => None,
+        }
+    }
 }
 
 impl FromStr for MasksFrom {
@@ -29,6 +42,7 @@ impl FromStr for MasksFrom {
         Ok(match value {
             "auto" => Self::Auto,
             "cube" => Self::Cube,
+            "off" => Self::Off,
             "given" => Self::Given,
             folder => Self::Folder(folder.into()),
         })

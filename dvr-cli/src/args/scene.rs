@@ -21,7 +21,8 @@ pub struct SceneArgs {
     #[arg(long, value_parser = within(1u32, 64), value_name = "N")]
     pub downscale: Option<u32>,
     /// Where masks come from: auto (the scene's own; where no view has one, `dvr train` finds them from all views together),
-    /// cube (where no view has one: all that lies in a cube around what is in the middles of the pictures, for a part of
+    /// off (where no view has one: object and background are learned together, and what is learned around the middle is the
+    /// object), cube (where no view has one: all that lies in a cube around what is in the middles of the pictures, for a part of
     /// something larger), given (the scene's own, nothing else), or a folder with NAME.png for each view, e.g. those of
     /// `dvr masks` [default: auto]
     #[arg(long, value_name = "WHERE", value_parser = clap::value_parser!(MasksFrom), conflicts_with = "background")]

@@ -43,12 +43,17 @@ pub fn run(args: &MasksArgs, cancellation: &Cancellation) -> Result<ExitCode> {
 
 /// Whether masks are to be found: no view has one, and nobody said where they are.
 pub fn are_missing(scene: &Scene, from: Option<&MasksFrom>) -> bool {
-    matches!(from, None | Some(MasksFrom::Auto | MasksFrom::Cube)) && scene.views.iter().all(|view| view.mask.is_none())
+    matches!(from, None | Some(MasksFrom::Auto | MasksFrom::Cube | MasksFrom::Off))
+        && scene.views.iter().all(|view| view.mask.is_none())
 }
 
 /// What masks that are found are to show.
 pub fn wanted(from: Option<&MasksFrom>) -> Wanted {
-    if from == Some(&MasksFrom::Cube) { Wanted::Cube } else { Wanted::Auto }
+    match from {
+        Some(MasksFrom::Cube) => Wanted::Cube,
+        Some(MasksFrom::Off) => Wanted::Learned,
+        _ => Wanted::Auto,
+    }
 }
 
 /// Refuses a program for masks beside masks that are there.
@@ -59,6 +64,7 @@ pub fn check_program(by: Option<&MaskCommand>, from: Option<&MasksFrom>) -> Resu
     let given = match (by, from) {
         (None, _) | (_, None | Some(MasksFrom::Auto)) => return Ok(()),
         (_, Some(MasksFrom::Cube)) => "cube".to_owned(),
+        (_, Some(MasksFrom::Off)) => "off".to_owned(),
         (_, Some(MasksFrom::Given)) => "given".to_owned(),
         (_, Some(MasksFrom::Folder(folder))) => folder.display().to_string(),
     };
@@ -145,5 +151,10 @@ fn summary(found: &Segmentation, wanted: Wanted, support: Option<HalfSpace>) -> 
             share(&found.masks)
         );
     }
-    format!("masks were found from all views: the object fills {} in the mean; {support}", share(&found.masks))
+    let how = match (wanted, found.is_learned) {
+        (Wanted::Learned, _) => "object and background were learned together",
+        (_, true) => "masks were found from all views, with the outlines of object and background learned together",
+        (_, false) => "masks were found from all views",
+    };
+    format!("{how}: the object fills {} in the mean; {support}", share(&found.masks))
 }

@@ -186,7 +186,8 @@ impl PoseSets<'_> {
                 }
             );
             // What is around the object is not the same in all sets.
-            let found = find(&mut scene, self.segment, Wanted::Object, self.reading.memory, cancellation)?;
+            let wanted = if self.reading.masks == Some(MasksFrom::Off) { Wanted::Learned } else { Wanted::Object };
+            let found = find(&mut scene, self.segment, wanted, self.reading.memory, cancellation)?;
             print_notes(&[format!("{}: {}", set.name, found.summary)]);
             for (view, mask) in scene.views.iter_mut().zip(found.masks) {
                 view.mask = Some(mask);

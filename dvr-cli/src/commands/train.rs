@@ -163,9 +163,11 @@ fn train_scene(
         writing = Some(taken);
         support = plane;
         (scene, reading, views) = read_with(args, Some(masks), method, cancellation)?;
-    } else if start.resumed.is_none() && args.reading.masks == Some(MasksFrom::Cube) {
+    } else if start.resumed.is_none()
+        && let Some(word) = args.reading.masks.as_ref().and_then(MasksFrom::asks_for)
+    {
         bail!(
-            "{}: --masks cube makes masks where no view has one, and some have. Leave it out to use these",
+            "{}: --masks {word} makes masks where no view has one, and some have. Leave it out to use these",
             scene.name
         );
     } else if start.resumed.is_none() && args.segment.segment.is_some() {
@@ -276,6 +278,9 @@ fn found_masks(
         Some(command) => eprintln!("{}: no view has a mask; `{command}` makes them", scene.name),
         None if args.reading.masks == Some(MasksFrom::Cube) => {
             eprintln!("{}: what lies in a cube is found from all views together", scene.name);
+        }
+        None if args.reading.masks == Some(MasksFrom::Off) => {
+            eprintln!("{}: object and background are learned together first", scene.name);
         }
         None => eprintln!("{}: no view has a mask; the object is found from all views together", scene.name),
     }

@@ -76,8 +76,10 @@ fn masks_of_another_folder_are_taken_by_the_names_of_views_and_again_for_the_fig
     let (scene, out) = (tiny.scene(), tiny.path("refused"));
     let missing = tiny.path("nowhere");
     refuses(&dvr(&["train", text(&scene), "--out", text(&out), "--masks", text(&missing)]), &["nowhere"]);
-    let of_cube = dvr(&["train", text(&Tiny::new().scene()), "--out", text(&out), "--masks", "cube"]);
-    refuses(&of_cube, &["--masks cube", "no view has one"]);
+    for word in ["cube", "off"] {
+        let made = dvr(&["train", text(&Tiny::new().scene()), "--out", text(&out), "--masks", word]);
+        refuses(&made, &[&format!("--masks {word}"), "no view has one"]);
+    }
     assert!(!out.exists(), "nothing half-written");
 }
 
