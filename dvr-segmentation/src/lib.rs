@@ -23,6 +23,7 @@ mod error;
 mod evidence;
 mod mask_command;
 mod memory;
+mod merge;
 mod outline;
 mod parts;
 mod plane_sweep;

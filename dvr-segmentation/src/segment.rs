@@ -10,6 +10,7 @@ use crate::HALF;
 use crate::color_model::{ColorCounts, ColorModel, MAX_RATIO, ObjectColors};
 use crate::error::SegmentationError;
 use crate::evidence::Evidence;
+use crate::merge::merged;
 use crate::outline::{Edges, OUTLINE, drawn};
 use crate::parts::join_parts;
 use crate::radiance::{Fit, LEVELS, LearnedMasks};
@@ -102,7 +103,7 @@ pub struct Segmentation {
     pub shown: Shown,
     /// What the object stands on, where that was found, in the space of the views. It is not part of the object.
     pub support: Option<SupportPlane>,
-    /// Whether outlines are those of a field in which object and background were learned together.
+    /// Whether a field in which object and background were learned together had a say in masks.
     pub is_learned: bool,
 }
 
@@ -115,8 +116,8 @@ pub struct Segmentation {
 /// colours are in the object and around it, and what the plane looks like where nothing stands on it; the outline in each
 /// picture that agrees best with colours, depths and volume and follows its edges; and the volume that the outlines of all
 /// views agree about. Then object and background are learned together as a field of density and colour: where what that has
-/// in the cube, before the plane, is by and large the same, its outlines are taken, which are nearer to the truth between legs and
-/// where the object has the background's colours. Where no object stands out, masks show all that lies in a cube around what is in the middles of
+/// in the cube, before the plane, is by and large the same, it decides where both differ by more than a rim: it is nearer to the truth
+/// between legs and where the object has the background's colours. Where no object stands out, masks show all that lies in a cube around what is in the middles of
 /// pictures.
 ///
 /// # Errors
@@ -209,7 +210,11 @@ fn learned(
             return Ok(None);
         }
         if is_last {
-            return of_all_views(views.len(), cancellation, advance, |i| learned.mask(&views[i])).map(Some);
+            let mask = |i: usize| {
+                let mask = learned.mask(&views[i]);
+                like.map_or_else(|| mask.clone(), |like| merged(&like[i], &mask))
+            };
+            return of_all_views(views.len(), cancellation, advance, mask).map(Some);
         }
     }
     Ok(None)

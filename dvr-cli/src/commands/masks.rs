@@ -153,7 +153,9 @@ fn summary(found: &Segmentation, wanted: Wanted, support: Option<HalfSpace>) -> 
     }
     let how = match (wanted, found.is_learned) {
         (Wanted::Learned, _) => "object and background were learned together",
-        (_, true) => "masks were found from all views, with the outlines of object and background learned together",
+        (_, true) => {
+            "masks were found from all views, and corrected where object and background, learned together, differ"
+        }
         (_, false) => "masks were found from all views",
     };
     format!("{how}: the object fills {} in the mean; {support}", share(&found.masks))

@@ -1,0 +1,55 @@
+//! One mask of two that were found in different ways.
+
+use dvr_core::{Mask, signed_distance, stored};
+use image::{GrayImage, Luma};
+
+/// Half as thick a difference as this is a rim, pixels for each pixel of the picture's longer side: a cell of what is learned.
+const RIM: f32 = 0.0075;
+
+/// The first mask, but for places where the other differs by more than a rim: outlines are finer in the first, and what it has
+/// too much or too little is right in the other. Both are as large as their picture.
+pub(crate) fn merged(fine: &Mask, coarse: &Mask) -> Mask {
+    let (width, height) = fine.coverage.dimensions();
+    let pixels = || (0..height).flat_map(|v| (0..width).map(move |u| (u, v)));
+    let differs: Vec<bool> = pixels().map(|(u, v)| fine.is_object(u, v) != coarse.is_object(u, v)).collect();
+    let reach = RIM * width.max(height) as f32;
+    let is_deep: Vec<bool> = signed_distance(&differs, width as usize).iter().map(|depth| *depth >= reach).collect();
+    if !is_deep.contains(&true) {
+        return fine.clone();
+    }
+    let near = signed_distance(&is_deep, width as usize);
+    Mask {
+        coverage: stored(GrayImage::from_fn(width, height, |u, v| {
+            let takes_coarse = near[(v * width + u) as usize] > -reach - 1.0;
+            Luma([(if takes_coarse { coarse } else { fine }).coverage.get_pixel(u, v)[0]])
+        })),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// 200 pixels wide: a rim is 1.5 pixels.
+    fn mask(is_object: impl Fn(u32, u32) -> bool) -> Mask {
+        Mask::from(GrayImage::from_fn(200, 100, |u, v| Luma([if is_object(u, v) { 255 } else { 0 }])))
+    }
+
+    #[test]
+    fn rims_stay_and_what_is_thicker_is_taken_from_the_other() {
+        let square = |u: u32, v: u32| (50..150).contains(&u) && (20..80).contains(&v);
+        let fine = mask(square);
+        // A rim too narrow on all sides, a piece that is missing, and one that is too much.
+        let gap = |u: u32, v: u32| (90..110).contains(&u) && (60..80).contains(&v);
+        let horn = |u: u32, v: u32| (60..70).contains(&u) && (5..22).contains(&v);
+        let coarse = mask(|u, v| {
+            let is_within = (52..148).contains(&u) && (22..78).contains(&v);
+            (is_within && !gap(u, v)) || horn(u, v)
+        });
+        let merged = merged(&fine, &coarse);
+        assert!(!merged.is_object(100, 70) && merged.is_object(65, 12), "pieces are the other's");
+        assert!(merged.is_object(50, 50) && merged.is_object(149, 50) && merged.is_object(130, 20), "rims stay");
+        let narrow = mask(|u, v| (52..148).contains(&u) && (22..78).contains(&v));
+        assert_eq!(super::merged(&fine, &narrow), fine);
+    }
+}
