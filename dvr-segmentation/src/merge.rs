@@ -3,27 +3,36 @@
 use dvr_core::{Mask, signed_distance, stored};
 use image::{GrayImage, Luma};
 
-/// Half as thick a difference as this is a rim, pixels for each pixel of the picture's longer side: a cell of what is learned.
+use crate::shrunk::FINAL_SIZE;
+
+/// Differences up to twice as wide as this are rims, as a share of the picture's longer side: about a cell of what is learned.
 const RIM: f32 = 0.0075;
 
 /// The first mask, but for places where the other differs by more than a rim: outlines are finer in the first, and what it has
 /// too much or too little is right in the other. Both are as large as their picture.
 pub(crate) fn merged(fine: &Mask, coarse: &Mask) -> Mask {
     let (width, height) = fine.coverage.dimensions();
-    let pixels = || (0..height).flat_map(|v| (0..width).map(move |u| (u, v)));
-    let differs: Vec<bool> = pixels().map(|(u, v)| fine.is_object(u, v) != coarse.is_object(u, v)).collect();
-    let reach = RIM * width.max(height) as f32;
-    let is_deep: Vec<bool> = signed_distance(&differs, width as usize).iter().map(|depth| *depth >= reach).collect();
+    // Both were drawn in pictures no larger than this, which bounds what the distances take.
+    let scale = (FINAL_SIZE as f32 / width.max(height) as f32).min(1.0);
+    let [across, down] = [width, height].map(|side| ((scale * side as f32).round() as u32).max(1));
+    let differs = |pixel: u32| {
+        let [u, v] = [(pixel % across) * width / across, (pixel / across) * height / down];
+        fine.is_object(u, v) != coarse.is_object(u, v)
+    };
+    let differs: Vec<bool> = (0..across * down).map(differs).collect();
+    let reach = RIM * across.max(down) as f32;
+    let is_deep: Vec<bool> = signed_distance(&differs, across as usize).iter().map(|depth| *depth >= reach).collect();
     if !is_deep.contains(&true) {
         return fine.clone();
     }
-    let near = signed_distance(&is_deep, width as usize);
-    Mask {
-        coverage: stored(GrayImage::from_fn(width, height, |u, v| {
-            let takes_coarse = near[(v * width + u) as usize] > -reach - 1.0;
-            Luma([(if takes_coarse { coarse } else { fine }).coverage.get_pixel(u, v)[0]])
-        })),
-    }
+    let deep = signed_distance(&is_deep, across as usize);
+    let pixel = |u: u32, v: u32| {
+        let small = (v * down / height) * across + u * across / width;
+        // Up to the edge of what differs.
+        let mask = if deep[small as usize] > -reach - 1.0 { coarse } else { fine };
+        Luma([mask.coverage.get_pixel(u, v)[0]])
+    };
+    Mask { coverage: stored(GrayImage::from_fn(width, height, pixel)) }
 }
 
 #[cfg(test)]

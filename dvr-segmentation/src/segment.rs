@@ -115,7 +115,7 @@ pub struct Segmentation {
 /// Depths of pixels come from a plane sweep; the plane that the object stands on from them. Then, in turns: how frequent
 /// colours are in the object and around it, and what the plane looks like where nothing stands on it; the outline in each
 /// picture that agrees best with colours, depths and volume and follows its edges; and the volume that the outlines of all
-/// views agree about. Then object and background are learned together as a field of density and colour: where what that has
+/// views agree about. Then object and background are learned together as a field of opacity and colour: where what that has
 /// in the cube, before the plane, is by and large the same, it decides where both differ by more than a rim: it is nearer to the truth
 /// between legs and where the object has the background's colours. Where no object stands out, masks show all that lies in a cube around what is in the middles of
 /// pictures.
@@ -212,7 +212,10 @@ fn learned(
         if is_last {
             let mask = |i: usize| {
                 let mask = learned.mask(&views[i]);
-                like.map_or_else(|| mask.clone(), |like| merged(&like[i], &mask))
+                match like {
+                    Some(like) => merged(&like[i], &mask),
+                    None => mask,
+                }
             };
             return of_all_views(views.len(), cancellation, advance, mask).map(Some);
         }

@@ -1,4 +1,4 @@
-//! Density and colour everywhere, and what a ray sees of them (Max 1995; Mildenhall et al., *NeRF*, 2020, equation 3).
+//! Opacity and colour everywhere, and what a ray sees of them (Max 1995; Mildenhall et al., *NeRF*, 2020, equation 3).
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -23,14 +23,14 @@ const DARK: f32 = 1e-3;
 /// A sample that stops less of a ray's light than this belongs to no surface.
 const HAZE: f32 = 0.1;
 
-/// Numbers of a node: the logit of what it stops of a ray's light within a spacing, and a colour.
-pub(super) const CHANNELS: usize = 4;
 /// Nodes whose gradients are looked at together.
 pub(super) const BLOCK: usize = 32;
 
+/// Numbers of a node: the logit of its opacity, which is what it stops of a ray's light within a spacing, and a colour.
+pub(super) const CHANNELS: usize = 4;
 pub(super) type Values = [f32; CHANNELS];
 
-/// Density and colour at the nodes of a grid.
+/// Opacity and colour at the nodes of a grid.
 pub(super) struct RadianceField {
     pub grid: ContractedGrid,
     pub values: Vec<Values>,

@@ -26,7 +26,7 @@ const PARTS: usize = 4;
 /// What everything is at first: thin and grey.
 const START: Values = [-4.0, 0.5, 0.5, 0.5];
 
-/// Step sizes of density and colour at first, and what is left of them in the end.
+/// Step sizes of opacity (its logit) and colour at first, and what is left of them in the end.
 const RATES: Values = [0.08, 0.016, 0.016, 0.016];
 const LAST_RATE: f32 = 0.1;
 
@@ -36,7 +36,7 @@ const MOMENTS: [f32; 2] = [0.9, 0.99];
 /// From this difference of colours on a pixel's pull grows no more: reflections.
 const REFLECTING: f32 = 0.2;
 
-/// Cells of less density are left out; how often that is looked at, and from which step of the first level on.
+/// Cells of less opacity are left out; how often that is looked at, and from which step of the first level on.
 const EMPTY: f32 = 0.02;
 const LOOK_EVERY: usize = 100;
 const FIRST_LOOK: usize = 150;

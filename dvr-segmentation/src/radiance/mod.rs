@@ -1,4 +1,4 @@
-//! Object and background learned together, as a field of density and colour: what is in the cube, before the plane that
+//! Object and background learned together, as a field of opacity and colour: what is in the cube, before the plane that
 //! the object stands on, is the object.
 
 mod contracted_grid;
