@@ -38,38 +38,3 @@ impl ModuleVisitor for DrawnNow {
         param.val();
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::DecoderConfig;
-
-    /// All parameters, one after the other.
-    #[derive(Default)]
-    struct Numbers(Vec<f32>);
-
-    impl ModuleVisitor for Numbers {
-        fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
-            self.0.extend(param.val().into_data().iter::<f32>());
-        }
-    }
-
-    fn drawn(seed: u64) -> Vec<f32> {
-        let device = Device::flex();
-        let decoder = seeded(&device, seed, || DecoderConfig::new().with_hidden(8).with_blocks(2).init(&device));
-        let mut numbers = Numbers::default();
-        decoder.visit(&mut numbers);
-        numbers.0
-    }
-
-    #[test]
-    fn parameters_are_those_of_their_seed_whatever_other_threads_make() {
-        let expected = [drawn(0), drawn(1)];
-        assert_ne!(expected[0], expected[1]);
-        let make_many = |seed: usize| (0..50).all(|_| drawn(seed as u64) == expected[seed]);
-        std::thread::scope(|scope| {
-            let threads = [0, 1, 0, 1].map(|seed| scope.spawn(move || make_many(seed)));
-            assert_eq!(threads.map(|thread| thread.join().unwrap()), [true; 4]);
-        });
-    }
-}
