@@ -1,5 +1,5 @@
-//! How well masks that were found overlap with those that a scene has: `mask_overlap SCENE MASKS`, where `MASKS` is a folder
-//! of `dvr masks` or the `masks` of a run.
+//! How well masks that were found overlap with those that a scene has: `mask_overlap SCENE MASKS [TRUE]`, where `MASKS` is a
+//! folder of `dvr masks` or the `masks` of a run, and `TRUE` one of true masks for a scene that has none.
 
 use std::error::Error;
 use std::path::PathBuf;
@@ -10,10 +10,12 @@ use dvr_core::dataset::{ReadOptions, read_scene};
 fn main() -> Result<(), Box<dyn Error>> {
     let mut arguments = std::env::args_os().skip(1).map(PathBuf::from);
     let (Some(scene), Some(found)) = (arguments.next(), arguments.next()) else {
-        return Err("give a scene with masks, and a folder of masks that were found".into());
+        return Err(
+            "give a scene, a folder of masks that were found, and one of true masks where the scene has none".into()
+        );
     };
-    let given = read_scene(&scene, &ReadOptions::default())?;
-    let found = read_scene(&scene, &ReadOptions { masks: Some(found), ..ReadOptions::default() })?;
+    let with_masks = |masks| read_scene(&scene, &ReadOptions { masks, ..ReadOptions::default() });
+    let (given, found) = (with_masks(arguments.next())?, with_masks(Some(found))?);
     let pairs = given.views.iter().zip(&found.views);
     let mut overlaps: Vec<(f64, &str)> = pairs
         .filter_map(|(given, found)| Some((overlap(given.mask.as_ref()?, found.mask.as_ref()?), given.name.as_str())))

@@ -5,7 +5,8 @@
 //! reconstruction with the true shape, [`judge`] gives a [`Verdict`], and [`break_point`] finds the first difficulty that
 //! a method does not solve.
 //!
-//! [`TwoPoses`] photographs one object standing and turned over, for what joins sets of photographs.
+//! [`TwoPoses`] photographs one object standing and turned over, for what joins sets of photographs. [`StillLife`]
+//! photographs one before several kinds of background, for what finds masks.
 //!
 //! ```
 //! use dvr_stress::{Verdict, axes, judge, measure, write_scene};
@@ -33,6 +34,9 @@ mod photographs;
 mod scene;
 mod shapes;
 mod sight;
+mod solid_texture;
+mod still_life;
+mod tabletop;
 mod two_poses;
 mod verdict;
 
@@ -42,5 +46,7 @@ pub use cell::{BreakPoint, Cell, break_point};
 pub use faults::{Faults, displace_camera};
 pub use gradients::GradientTest;
 pub use scene::write_scene;
+pub use still_life::{Body, StillLife};
+pub use tabletop::{Coat, Surroundings};
 pub use two_poses::{SETS as TWO_SETS, TwoPoses, seam};
 pub use verdict::{Figures, Verdict, judge, measure};

@@ -7,13 +7,17 @@ use dvr_core::dataset::write_transforms;
 use dvr_core::files::{write_gray_png, write_jpeg};
 use dvr_core::mesh::shapes::{icosphere, vertex_normals};
 use dvr_core::mesh::{Mesh, write_mesh};
-use dvr_core::{Bvh, Camera, Error, Ray, RayHit, Result, Sighting, Similarity, triangulate};
-use glam::{DQuat, DVec2, DVec3, Vec3};
-use image::{GrayImage, Luma, Rgb, RgbImage};
+use dvr_core::{Bvh, Camera, Error, Result, Sighting, Similarity, triangulate};
+use glam::{DQuat, DVec3, Vec3};
 use rayon::prelude::*;
+
+use crate::tabletop::{Coat, Surroundings, Tabletop};
 
 /// The names of the two sets.
 pub const SETS: [&str; 2] = ["top", "bottom"];
+
+/// What is around each.
+const TABLES: [Surroundings; 2] = [Surroundings::Cloth, Surroundings::Tiles];
 
 /// Where the object is cut flat, below and above: it stands on either.
 const FLAT: [f32; 2] = [-0.25, 0.3];
@@ -27,13 +31,6 @@ const DISTANCE: f64 = 2.4;
 
 /// Focal length in widths of a picture.
 const FOCAL: f64 = 1.35;
-
-/// Where the light comes from, and how much comes from everywhere.
-const LIGHT: DVec3 = DVec3::new(0.4, 0.85, 0.3);
-const AMBIENT: f64 = 0.62;
-
-/// How far a table reaches.
-const TABLE: f64 = 3.5;
 
 /// How the two poses are photographed.
 #[derive(Clone, Copy, Debug)]
@@ -104,8 +101,10 @@ impl TwoPoses {
                 std::fs::create_dir_all(folder).map_err(|source| Error::Io { path: folder.clone(), source })?;
             }
             let cameras = self.cameras(set);
+            let (pose, surroundings) = (Self::pose(set), TABLES[set]);
+            let tabletop = Tabletop { mesh: &mesh, bvh: &bvh, pose, coat: Coat::Stone, surroundings };
             let one = |(i, camera): (usize, &Camera)| {
-                let (picture, mask) = self.photograph(set, camera, &mesh, &bvh);
+                let (picture, mask) = tabletop.photograph(camera, self.samples);
                 if self.masks {
                     write_gray_png(&masks.join(format!("{i:04}.png")), &mask)?;
                 }
@@ -117,102 +116,6 @@ impl TwoPoses {
         }
         write_mesh(out.join("truth/mesh.ply"), &mesh)
     }
-
-    /// What a camera sees, in the object's coordinates, and where it sees the object.
-    fn photograph(&self, set: usize, camera: &Camera, mesh: &Mesh, bvh: &Bvh) -> (RgbImage, GrayImage) {
-        let pose = Self::pose(set);
-        let n = self.samples;
-        let place = |i: u32| (f64::from(i) + 0.5) / f64::from(n);
-        let byte = |sum: f64| (255.0 * (sum / f64::from(n * n)).clamp(0.0, 1.0)).round() as u8;
-        let mut coverage = GrayImage::new(camera.width, camera.height);
-        let picture = RgbImage::from_fn(camera.width, camera.height, |u, v| {
-            let (mut sum, mut of_object) = (DVec3::ZERO, 0.0);
-            for (s, t) in (0..n * n).map(|i| (place(i % n), place(i / n))) {
-                let ray = camera.ray(DVec2::new(f64::from(u) + s, f64::from(v) + t));
-                match bvh.closest_hit(&ray, 0.0, f64::INFINITY) {
-                    Some(hit) => {
-                        sum += color_of_object(&ray, &hit, &pose, mesh);
-                        of_object += 1.0;
-                    }
-                    None => sum += color_of_background(set, &ray, &pose, bvh),
-                }
-            }
-            coverage.put_pixel(u, v, Luma([byte(of_object)]));
-            Rgb(sum.to_array().map(byte))
-        });
-        (picture, coverage)
-    }
-}
-
-/// How bright a surface is, by the cosine between its normal and the light.
-fn lit(cosine: f64) -> f64 {
-    AMBIENT + (1.0 - AMBIENT) * cosine.max(0.0)
-}
-
-/// Where the light comes from in the object's coordinates.
-fn to_light(pose: &Similarity) -> DVec3 {
-    pose.rotation.inverse() * LIGHT.normalize()
-}
-
-/// What a ray, in the object's coordinates, sees of the object.
-fn color_of_object(ray: &Ray, hit: &RayHit, pose: &Similarity, mesh: &Mesh) -> DVec3 {
-    let normals = mesh.normals.as_deref().unwrap_or_default();
-    let corners = mesh.faces[hit.face as usize].map(|i| normals[i as usize].as_dvec3());
-    let normal: DVec3 = corners.iter().zip(hit.barycentric).map(|(n, w)| *n * w).sum();
-    stone(ray.at(hit.ray_depth)) * lit(normal.normalize_or_zero().dot(to_light(pose)))
-}
-
-/// What a ray that passes the object sees: the table, with the object's shadow, or the wall.
-fn color_of_background(set: usize, ray: &Ray, pose: &Similarity, bvh: &Bvh) -> DVec3 {
-    let (origin, direction) = (pose.transform_point(ray.origin), pose.rotation * ray.direction);
-    let depth = -origin.y / direction.y;
-    let at = origin + depth * direction;
-    if depth <= 0.0 || at.length() > TABLE {
-        return DVec3::new(0.62, 0.64, 0.66);
-    }
-    let start = pose.inverse().transform_point(at + 1e-4 * DVec3::Y);
-    let is_dark = bvh.any_hit(&Ray { origin: start, direction: to_light(pose) }, 0.0, f64::INFINITY);
-    table(set, at) * if is_dark { AMBIENT } else { lit(LIGHT.normalize().y) }
-}
-
-/// Red and yellow blotches of many sizes.
-fn stone(at: DVec3) -> DVec3 {
-    let value = blotches(9.0 * at, 1);
-    DVec3::new(0.95, 0.75, 0.25).lerp(DVec3::new(0.55, 0.08, 0.06), value) * (0.55 + 0.45 * blotches(23.0 * at, 2))
-}
-
-/// Blue blotches for one, green tiles for the other.
-fn table(set: usize, at: DVec3) -> DVec3 {
-    let value = blotches(5.0 * at, 10 + set as u64);
-    match set {
-        0 => DVec3::new(0.12, 0.25, 0.5).lerp(DVec3::new(0.55, 0.75, 0.9), value),
-        _ => {
-            let tile = ((2.5 * at.x).floor() + (2.5 * at.z).floor()).rem_euclid(2.0);
-            DVec3::new(0.2, 0.4, 0.25).lerp(DVec3::new(0.75, 0.85, 0.7), 0.7 * value + 0.3 * tile)
-        }
-    }
-}
-
-/// Noise of four octaves, from 0 to 1.
-fn blotches(at: DVec3, seed: u64) -> f64 {
-    let octave = |i: u64| 0.62f64.powi(i as i32) * (lattice(at * (1 << i) as f64, 8 * seed + i) - 0.5);
-    (0.5 + 1.1 * (0..4).map(octave).sum::<f64>()).clamp(0.0, 1.0)
-}
-
-/// Random values at whole coordinates, and between them smooth ones.
-fn lattice(at: DVec3, seed: u64) -> f64 {
-    let (cell, t) = (at.floor(), at - at.floor());
-    let t = t * t * (DVec3::splat(3.0) - 2.0 * t);
-    let value = |corner: u32| {
-        let offset = DVec3::new(f64::from(corner & 1), f64::from(corner >> 1 & 1), f64::from(corner >> 2));
-        let share = offset * t + (DVec3::ONE - offset) * (DVec3::ONE - t);
-        let mixed = (cell + offset).to_array().iter().fold(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15), |hash, x| {
-            let hash = (hash ^ (*x as i64 as u64)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-            hash ^ (hash >> 29)
-        });
-        share.element_product() * (mixed >> 40) as f64 / f64::from(1 << 24)
-    };
-    (0..8).map(value).sum()
 }
 
 /// How far apart two sets of cameras that were placed in one world have what both show: where the cameras of each
