@@ -28,11 +28,13 @@ mod outline;
 mod parts;
 mod plane_sweep;
 mod radiance;
+mod second_way;
 mod segment;
 mod shrunk;
 mod static_background;
 mod support_colors;
 mod support_plane;
+mod two_ways;
 mod volume;
 mod within_cube;
 

@@ -20,19 +20,24 @@ pub(crate) fn merged(fine: &Mask, coarse: &Mask) -> Mask {
         fine.is_object(u, v) != coarse.is_object(u, v)
     };
     let differs: Vec<bool> = (0..across * down).map(differs).collect();
-    let reach = RIM * across.max(down) as f32;
-    let is_deep: Vec<bool> = signed_distance(&differs, across as usize).iter().map(|depth| *depth >= reach).collect();
-    if !is_deep.contains(&true) {
+    let wide = wide(&differs, across as usize);
+    if !wide.contains(&true) {
         return fine.clone();
     }
-    let deep = signed_distance(&is_deep, across as usize);
     let pixel = |u: u32, v: u32| {
         let small = (v * down / height) * across + u * across / width;
-        // Up to the edge of what differs.
-        let mask = if deep[small as usize] > -reach - 1.0 { coarse } else { fine };
+        let mask = if wide[small as usize] { coarse } else { fine };
         Luma([mask.coverage.get_pixel(u, v)[0]])
     };
     Mask { coverage: stored(GrayImage::from_fn(width, height, pixel)) }
+}
+
+/// Pixels of differences that are wider than a rim, with all that is up to their edges.
+pub(crate) fn wide(differs: &[bool], width: usize) -> Vec<bool> {
+    let reach = RIM * width.max(differs.len() / width) as f32;
+    let is_deep: Vec<bool> = signed_distance(differs, width).iter().map(|depth| *depth >= reach).collect();
+    // What is nowhere deep is infinitely far from it.
+    signed_distance(&is_deep, width).iter().map(|deep| *deep > -reach - 1.0).collect()
 }
 
 #[cfg(test)]

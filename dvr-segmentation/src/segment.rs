@@ -2,7 +2,7 @@
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use dvr_core::{Cancellation, Mask, Split, View, signed_distance};
+use dvr_core::{Cancellation, Cancelled, Mask, Split, View, signed_distance};
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -10,10 +10,10 @@ use crate::HALF;
 use crate::color_model::{ColorCounts, ColorModel, MAX_RATIO, ObjectColors};
 use crate::error::SegmentationError;
 use crate::evidence::Evidence;
-use crate::merge::merged;
 use crate::outline::{Edges, OUTLINE, drawn};
 use crate::parts::join_parts;
-use crate::radiance::{Fit, LEVELS, LearnedMasks};
+use crate::radiance::{LEVELS, on_pixels};
+use crate::second_way::{Believed, SecondWay};
 use crate::shrunk::{FINAL_SIZE, Shrunk, WORKING_SIZE};
 use crate::support_colors::SupportColors;
 use crate::support_plane::{LYING, SupportPlane};
@@ -65,10 +65,6 @@ const ALL: f32 = 0.1;
 /// Steps of the solver: at first, in each round, and in the end.
 const STEPS: [usize; 3] = [400, 100, 60];
 
-/// Mean overlap (intersection over union) with the masks found before, after each level, from which those learned are believed:
-/// two ways that have little in common do not find the same by chance.
-const ALIKE: [f64; LEVELS.len()] = [0.88, 0.93, 0.94];
-
 /// Views that are needed.
 const LEAST_VIEWS: usize = 4;
 
@@ -115,10 +111,11 @@ pub struct Segmentation {
 /// Depths of pixels come from a plane sweep; the plane that the object stands on from them. Then, in turns: how frequent
 /// colours are in the object and around it, and what the plane looks like where nothing stands on it; the outline in each
 /// picture that agrees best with colours, depths and volume and follows its edges; and the volume that the outlines of all
-/// views agree about. Then object and background are learned together as a field of opacity and colour: where what that has
-/// in the cube, before the plane, is by and large the same, it decides where both differ by more than a rim: it is nearer to the truth
-/// between legs and where the object has the background's colours. Where no object stands out, masks show all that lies in a cube around what is in the middles of
-/// pictures.
+/// views agree about. Then object and background are learned together as a field of opacity and colour, and what that has in
+/// the cube, before the plane, is compared. Where it is by and large the same, it decides where both differ by more than a rim:
+/// it is nearer to the truth between legs and where the object has the background's colours. Where it is not, and the plane's
+/// colours, place by place, speak for it, outlines are found again from it. Where no object stands out, masks show all that lies
+/// in a cube around what is in the middles of pictures.
 ///
 /// # Errors
 /// [`SegmentationError`]: too few views, nothing that they agree about, or somebody wanted it to end.
@@ -133,8 +130,9 @@ pub fn segment(
     if found < LEAST_VIEWS {
         return Err(SegmentationError::TooFewViews { found, least: LEAST_VIEWS });
     }
-    // A view's part of a round is about a third of its depths, and a half of that of a level.
-    let (parts, done) = ((ROUNDS.len() + 2 * LEVELS.len() + 5) * views.len(), AtomicUsize::new(0));
+    // A view's part of a round is about a third of its depths, and a half of that of a level. Masks are drawn up to three times.
+    let parts = (3 + ROUNDS.len() + 2 * LEVELS.len() + ROUNDS[CLOSER..].len() + 3) * views.len();
+    let done = AtomicUsize::new(0);
     let advance = |more: usize| progress(done.fetch_add(more, Ordering::Relaxed) + more, parts);
     let small: Vec<Shrunk> = views.par_iter().map(|view| Shrunk::new(view, WORKING_SIZE)).collect();
     if wanted != Wanted::Cube {
@@ -170,9 +168,9 @@ fn object(
     let evidence = Evidence::of(small, asked, cancellation, &|| advance(3))?;
     let support = evidence.support;
     let segmentation = |masks, is_learned| Segmentation { masks, shown: Shown::Object, support, is_learned };
+    let second = SecondWay { views, small, asked, evidence: &evidence, cancellation, advance };
     if wanted == Wanted::Learned {
-        let learned = learned(views, small, asked, &evidence, None, cancellation, advance)?;
-        return learned.map(|masks| segmentation(masks, true)).ok_or(SegmentationError::NothingFound);
+        return second.alone()?.map(|masks| segmentation(masks, true)).ok_or(SegmentationError::NothingFound);
     }
     let mut work = Work::new(small, asked, &evidence);
     for round in ROUNDS {
@@ -180,56 +178,28 @@ fn object(
         advance(views.len());
     }
     let masks = of_all_views(views.len(), cancellation, advance, |i| work.mask(i, &views[i]))?;
-    let learned = learned(views, small, asked, &evidence, Some(&masks), cancellation, advance)?;
-    Ok(learned.map_or_else(|| segmentation(masks, false), |masks| segmentation(masks, true)))
-}
-
-/// Masks by what is learned of object and background together; `None` where that is nothing, or not `like` other masks.
-fn learned(
-    views: &[View],
-    small: &[Shrunk],
-    asked: &[bool],
-    evidence: &Evidence,
-    like: Option<&[Mask]>,
-    cancellation: &Cancellation,
-    advance: &(dyn Fn(usize) + Sync),
-) -> Result<Option<Vec<Mask>>, SegmentationError> {
-    let used = small.iter().zip(asked).filter_map(|(view, asked)| asked.then_some(view)).collect();
-    let mut fit = Fit::new(used, &evidence.stands_still);
-    for (level, alike) in ALIKE.into_iter().enumerate() {
-        fit.learn(cancellation)?;
-        advance(2 * views.len());
-        let is_last = level + 1 == ALIKE.len();
-        if like.is_none() && !is_last {
-            continue;
+    Ok(match second.beside(&masks)? {
+        Believed::First => segmentation(masks, false),
+        Believed::Both(masks) => segmentation(masks, true),
+        Believed::Second(learned) => {
+            // Outlines are finer by colours, and object and plane are told by the right ones now.
+            work.start_again(&learned);
+            for round in &ROUNDS[CLOSER..] {
+                work.round(*round, cancellation)?;
+                advance(views.len());
+            }
+            segmentation(of_all_views(views.len(), cancellation, advance, |i| work.mask(i, &views[i]))?, true)
         }
-        let Some(learned) = LearnedMasks::new(&fit, views, asked, evidence.support, cancellation)? else {
-            return Ok(None);
-        };
-        if like.is_some_and(|like| learned.overlap(like) < alike) {
-            return Ok(None);
-        }
-        if is_last {
-            let mask = |i: usize| {
-                let mask = learned.mask(&views[i]);
-                match like {
-                    Some(like) => merged(&like[i], &mask),
-                    None => mask,
-                }
-            };
-            return of_all_views(views.len(), cancellation, advance, mask).map(Some);
-        }
-    }
-    Ok(None)
+    })
 }
 
 /// One mask for each view, side by side.
-fn of_all_views(
+pub(crate) fn of_all_views(
     views: usize,
     cancellation: &Cancellation,
     advance: &(dyn Fn(usize) + Sync),
     mask: impl Fn(usize) -> Mask + Sync,
-) -> Result<Vec<Mask>, SegmentationError> {
+) -> Result<Vec<Mask>, Cancelled> {
     let of_view = |i: usize| {
         cancellation.check()?;
         let mask = mask(i);
@@ -264,6 +234,13 @@ impl<'a> Work<'a> {
         };
         let belongs = edges.par_iter().zip(&evidence.says).map(by_depth).collect();
         Self { views, asked, evidence, edges, belongs, colors: Vec::new(), support: None, volume: None, rounds: 0 }
+    }
+
+    /// From these masks, with finer rounds.
+    fn start_again(&mut self, masks: &[Mask]) {
+        let belongs = |(view, mask)| on_pixels(mask, view).into_iter().map(|is| f32::from(u8::from(is))).collect();
+        self.belongs = self.views.par_iter().zip(masks).map(belongs).collect();
+        (self.volume, self.rounds) = (None, CLOSER);
     }
 
     /// Colours, outlines, volume.

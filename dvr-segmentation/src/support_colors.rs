@@ -149,14 +149,14 @@ fn median(samples: &[Vec3]) -> Vec3 {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use dvr_core::{Camera, View, stored};
     use glam::DVec3;
     use image::{Rgb, RgbImage};
 
     use super::*;
 
-    const BALL: f32 = 0.15;
+    pub(crate) const BALL: f32 = 0.15;
     const TABLE: f32 = 0.5;
     const DARK: [u8; 3] = [40, 60, 120];
     const LIGHT: [u8; 3] = [230, 230, 225];
@@ -168,8 +168,8 @@ mod tests {
         on.then_some(if is_dark { DARK } else { LIGHT })
     }
 
-    /// A ball on a table at z = -BALL, and beyond its edge something else for each view.
-    fn view(index: usize) -> (Shrunk, Vec<f32>) {
+    /// A ball on a table at z = -BALL, and beyond its edge something else for each view; what of it shows the ball.
+    pub(crate) fn view(index: usize) -> (Shrunk, Vec<f32>) {
         let turn = index as f64 * 0.7;
         let eye = DVec3::new(1.6 * turn.cos(), 1.6 * turn.sin(), 1.0 + 0.1 * (index % 3) as f64);
         let camera = Camera::look_at(120, 120, 150.0, eye, DVec3::ZERO, DVec3::Z);

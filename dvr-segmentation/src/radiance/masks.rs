@@ -11,6 +11,7 @@ use crate::outline::{Edges, OUTLINE, drawn};
 use crate::parts::join_parts;
 use crate::shrunk::{Shrunk, WORKING_SIZE};
 use crate::support_plane::{LYING, SupportPlane};
+use crate::two_ways::TwoWays;
 use crate::volume::{Cube, Round, Volume};
 
 /// Longer side of the pictures that the volume is found from, and of those that outlines are drawn in, pixels.
@@ -71,22 +72,15 @@ impl<'a> LearnedMasks<'a> {
         Ok((!volume.is_empty()).then_some(Self { fit, support, volume, shown }))
     }
 
-    /// The mean overlap, intersection over union, of what coarse pictures show with other masks.
-    pub fn overlap(&self, masks: &[Mask]) -> f64 {
-        let of_view = |(i, view, shares): &(usize, Shrunk, Vec<f32>)| {
-            let (covered, mask) = (self.volume.silhouette(view), &masks[*i]);
-            let scale = Vec2::new(mask.coverage.width() as f32, mask.coverage.height() as f32)
-                / Vec2::new(view.width as f32, view.height as f32);
-            let (mut both, mut either) = (0usize, 0usize);
-            for pixel in 0..view.len() {
-                let place = scale * view.middle(pixel);
-                let shown = [covered[pixel] && shares[pixel] > 0.5, mask.is_object(place.x as u32, place.y as u32)];
-                both += usize::from(shown == [true; 2]);
-                either += usize::from(shown != [false; 2]);
-            }
-            both as f64 / either.max(1) as f64
+    /// What coarse pictures show, beside other masks.
+    pub fn beside(&self, masks: &[Mask]) -> Vec<TwoWays<'_>> {
+        let of_view = |(i, view, shares): &'_ (usize, Shrunk, Vec<f32>)| {
+            let covered = self.volume.silhouette(view);
+            let second = covered.iter().zip(shares).map(|(covered, share)| *covered && *share > 0.5).collect();
+            (on_pixels(&masks[*i], view), second)
         };
-        self.shown.iter().map(of_view).sum::<f64>() / self.shown.len() as f64
+        let ways = self.shown.par_iter().map(of_view).collect::<Vec<_>>();
+        self.shown.iter().zip(ways).map(|((_, view, _), (first, second))| TwoWays { view, first, second }).collect()
     }
 
     /// The mask of a view: where the field has the object, up to the photograph's edges.
@@ -106,6 +100,17 @@ impl<'a> LearnedMasks<'a> {
         join_parts(&mut belongs, |pixel| covered[pixel], fine.width);
         drawn(&belongs, &fine, view)
     }
+}
+
+/// Which pixels of a small picture a mask covers.
+pub(crate) fn on_pixels(mask: &Mask, view: &Shrunk) -> Vec<bool> {
+    let (width, height) = mask.coverage.dimensions();
+    let scale = Vec2::new(width as f32 / view.width as f32, height as f32 / view.height as f32);
+    let is_object = |pixel: usize| {
+        let place = scale * view.middle(pixel);
+        mask.is_object(place.x as u32, place.y as u32)
+    };
+    (0..view.len()).map(is_object).collect()
 }
 
 /// The share of the light of each pixel that is `asked` for that comes from the object; 0 of others.

@@ -1,7 +1,10 @@
-//! A ball on a table, seen from all around: its masks are found, with the table's texture like its own and without any.
+//! A ball or a stool on a table, seen from all around: masks are found, with the table's texture like the object's and without
+//! any.
 
+use dvr_core::dataset::{ReadOptions, read_scene};
 use dvr_core::{Camera, Cancellation, Mask, Split, View, stored};
 use dvr_segmentation::{SegmentationError, Wanted, segment};
+use dvr_stress::{Body, Coat, StillLife, Surroundings};
 use glam::{DVec2, DVec3};
 use image::{Rgb, RgbImage};
 
@@ -62,7 +65,8 @@ fn scene(table: impl Fn(DVec3) -> [f64; 3] + Copy) -> (Vec<View>, Vec<Mask>) {
 /// Least overlap of a mask that was found with the one that is right.
 fn least_overlap(found: &[Mask], right: &[Mask]) -> f64 {
     let overlap = |(found, right): (&Mask, &Mask)| {
-        let pixels = || (0..SIDE).flat_map(|v| (0..SIDE).map(move |u| (u, v)));
+        let (width, height) = right.size();
+        let pixels = || (0..height).flat_map(|v| (0..width).map(move |u| (u, v)));
         let both = pixels().filter(|&(u, v)| found.is_object(u, v) && right.is_object(u, v)).count();
         let either = pixels().filter(|&(u, v)| found.is_object(u, v) || right.is_object(u, v)).count();
         both as f64 / either as f64
@@ -109,22 +113,28 @@ fn a_ball_is_told_from_a_table_with_blotches_of_its_own_colours_in_part() {
 }
 
 #[test]
-fn a_ball_is_told_from_a_plain_table_by_its_colours_and_the_same_twice() {
+fn a_ball_is_told_from_a_plain_table_by_its_colours() {
     let (views, right) = scene(|_| [0.8, 0.8, 0.82]);
     let found = segment(&views, Wanted::Object, &Cancellation::default(), &|_, _| ()).unwrap();
     assert!(found.support.is_none(), "nothing of the table can be compared: {:?}", found.support);
     let worst = least_overlap(&found.masks, &right);
     assert!(worst > 0.9, "{worst}");
-    assert_eq!(segment(&views, Wanted::Object, &Cancellation::default(), &|_, _| ()).unwrap().masks, found.masks);
 }
 
 #[test]
-fn views_for_testing_have_no_say() {
-    let (mut views, _) = scene(|_| [0.8, 0.8, 0.82]);
+fn plain_legs_before_a_cloth_are_found_where_the_wall_has_their_colour() {
+    let (body, coat, surroundings) = (Body::Stool, Coat::Plain, Surroundings::Cloth);
+    let stool = StillLife { body, coat, surroundings, views: 18, width: 200, samples: 2 };
+    let folder = tempfile::tempdir().unwrap();
+    stool.write(folder.path()).unwrap();
+    let with_masks = |masks| read_scene(folder.path(), &ReadOptions { masks, ..ReadOptions::default() }).unwrap();
+    let right = with_masks(Some(folder.path().join("truth/masks"))).views.into_iter().map(|view| view.mask.unwrap());
+    let views = with_masks(None).views;
     let found = segment(&views, Wanted::Object, &Cancellation::default(), &|_, _| ()).unwrap();
-    repaint_tests(&mut views);
-    let other = segment(&views, Wanted::Object, &Cancellation::default(), &|_, _| ()).unwrap();
-    assert!(trained_alike(&views, &found.masks, &other.masks));
+    // From all views by colours alone, the legs are lost, and with them half of the object.
+    assert!(found.is_learned);
+    let worst = least_overlap(&found.masks, &right.collect::<Vec<_>>());
+    assert!(worst > 0.85, "{worst}");
 }
 
 #[test]
