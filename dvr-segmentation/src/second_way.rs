@@ -53,19 +53,17 @@ impl SecondWay<'_> {
             self.learn(&mut fit)?;
             let Some(learned) = self.masks(&fit)? else { break };
             let ways = learned.beside(first);
-            let is_last = level + 1 == ALIKE.len();
-            let (nearer, is_alike) = (self.nearer(&ways)?, overlap(&ways) >= alike);
-            if !is_alike && nearer != Nearer::Second {
-                break;
-            }
+            let (is_alike, is_last) = (overlap(&ways) >= alike, level + 1 == ALIKE.len());
             // What is learned first is too coarse to be refuted.
-            if is_last && nearer != Nearer::First {
-                let mask = |i: usize| learned.mask(&self.views[i]);
-                return if is_alike {
-                    self.drawn(|i| merged(&first[i], &mask(i))).map(Believed::Both)
-                } else {
-                    self.drawn(mask).map(Believed::Second)
-                };
+            if is_alike && !is_last {
+                continue;
+            }
+            let mask = |i: usize| learned.mask(&self.views[i]);
+            match (self.nearer(&ways)?, is_alike) {
+                (Nearer::First, _) | (Nearer::Unknown, false) => break,
+                (_, true) => return self.drawn(|i| merged(&first[i], &mask(i))).map(Believed::Both),
+                (Nearer::Second, false) if is_last => return self.drawn(mask).map(Believed::Second),
+                (Nearer::Second, false) => {}
             }
         }
         Ok(Believed::First)

@@ -181,16 +181,28 @@ fn object(
     Ok(match second.beside(&masks)? {
         Believed::First => segmentation(masks, false),
         Believed::Both(masks) => segmentation(masks, true),
-        Believed::Second(learned) => {
-            // Outlines are finer by colours, and object and plane are told by the right ones now.
-            work.start_again(&learned);
-            for round in &ROUNDS[CLOSER..] {
-                work.round(*round, cancellation)?;
-                advance(views.len());
-            }
-            segmentation(of_all_views(views.len(), cancellation, advance, |i| work.mask(i, &views[i]))?, true)
-        }
+        Believed::Second(learned) => segmentation(again(&mut work, learned, views, cancellation, advance)?, true),
     })
+}
+
+/// Outlines found again from masks that are right by and large: they are finer by colours, and object and plane are told by the
+/// right ones then. The masks themselves where views agree about nothing.
+fn again(
+    work: &mut Work,
+    masks: Vec<Mask>,
+    views: &[View],
+    cancellation: &Cancellation,
+    advance: &(dyn Fn(usize) + Sync),
+) -> Result<Vec<Mask>, SegmentationError> {
+    work.start_again(&masks);
+    for round in &ROUNDS[CLOSER..] {
+        match work.round(*round, cancellation) {
+            Err(SegmentationError::NothingFound) => return Ok(masks),
+            ended => ended?,
+        }
+        advance(views.len());
+    }
+    Ok(of_all_views(views.len(), cancellation, advance, |i| work.mask(i, &views[i]))?)
 }
 
 /// One mask for each view, side by side.
