@@ -3,7 +3,7 @@
 //! Options go by the names of COLMAP 3.8 and later: some moved from `SiftExtraction` to `FeatureExtraction` and from
 //! `SiftMatching` to `FeatureMatching`.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -46,6 +46,13 @@ pub(crate) const DATABASE: &str = "database.db";
 pub(crate) const PICTURES: &str = "pictures";
 pub(crate) const MASKS: &str = "masks";
 const MODELS: &str = "models";
+
+/// The largest of them, with pictures that were left out at first.
+const LARGER_MODEL: &str = "larger_model";
+
+/// Points that are enough to place a picture in a model that stands: as many as COLMAP asks two pictures to share. It asks
+/// for twice as many otherwise.
+const FEW_POINTS: usize = 15;
 pub(crate) const REFINED: &str = "refined";
 pub(crate) const UNDISTORTED: &str = "undistorted";
 pub(crate) const TEXT_MODEL: &str = "text";
@@ -196,7 +203,10 @@ impl Steps<'_> {
     pub fn mapping(&mut self, workspace: &mut Workspace) -> Result<()> {
         let models = workspace.empty(MODELS)?;
         match self.options.mapper {
-            Mapper::Incremental => self.incremental_mapping(workspace, &models)?,
+            Mapper::Incremental => {
+                self.incremental_mapping(workspace, &models)?;
+                self.place_rest(workspace)?;
+            }
             Mapper::Global => self.global_mapping(workspace, &models)?,
         }
         if folders(&models).is_empty() {
@@ -218,19 +228,8 @@ impl Steps<'_> {
     /// Picture by picture with bundle adjustment.
     fn incremental_mapping(&mut self, workspace: &mut Workspace, models: &Path) -> Result<()> {
         self.begin("mapping", workspace.pictures().len());
-        let known = self.engine.options("mapper");
-        let mut command = self.engine.command("mapper");
-        command.arg("--database_path").arg(workspace.work(DATABASE));
-        command.arg("--image_path").arg(workspace.work(PICTURES)).arg("--output_path").arg(models);
+        let (mut command, known) = self.mapper(workspace, models);
         known.set(&mut command, &["Mapper.min_model_size"], LEAST_PICTURES);
-        if workspace.pictures().iter().all(|picture| picture.pinhole.is_some()) {
-            for what in ["focal_length", "principal_point", "extra_params"] {
-                known.set(&mut command, &[format!("Mapper.ba_refine_{what}").as_str()], 0);
-            }
-        }
-        if let Some(threads) = self.options.threads {
-            known.set(&mut command, &["Mapper.num_threads"], threads);
-        }
         let ended = self.run(&mut command, "mapping", workspace, 0);
         // The mapper fails where it finds no two pictures to begin with, which is no fault of its own.
         match ended {
@@ -239,6 +238,49 @@ impl Steps<'_> {
             }
             ended => ended,
         }
+    }
+
+    /// Pictures that are not in the largest model, once more: to a model that stands, fewer points tell where a picture was
+    /// taken. Whether two pictures further apart have enough matches differs from run to run.
+    fn place_rest(&mut self, workspace: &mut Workspace) -> Result<()> {
+        let models = models(workspace)?;
+        let pictures = workspace.pictures().len();
+        let Some((largest, model)) = models.first().filter(|(_, model)| model.pictures.len() < pictures) else {
+            return Ok(());
+        };
+        self.begin("mapping of those left out", pictures);
+        let larger = workspace.empty(LARGER_MODEL)?;
+        let (mut command, known) = self.mapper(workspace, &larger);
+        command.arg("--input_path").arg(largest);
+        known.set(&mut command, &["Mapper.abs_pose_min_num_inliers"], FEW_POINTS);
+        self.run(&mut command, "mapping", workspace, 0)?;
+        let Ok(found) = read_colmap_model(&larger) else { return Ok(()) };
+        if found.pictures.len() <= model.pictures.len() {
+            return Ok(());
+        }
+        let names: HashSet<&str> = found.pictures.iter().map(|picture| picture.name.as_str()).collect();
+        for (folder, model) in &models {
+            if model.pictures.iter().all(|picture| names.contains(picture.name.as_str())) {
+                std::fs::remove_dir_all(folder).map_err(|source| refused(folder, source))?;
+            }
+        }
+        std::fs::rename(&larger, largest).map_err(|source| refused(largest, source))
+    }
+
+    /// The command of the incremental mapper, and its options.
+    fn mapper(&self, workspace: &Workspace, output: &Path) -> (Command, Options) {
+        let (mut command, known) = (self.engine.command("mapper"), self.engine.options("mapper"));
+        command.arg("--database_path").arg(workspace.work(DATABASE));
+        command.arg("--image_path").arg(workspace.work(PICTURES)).arg("--output_path").arg(output);
+        if workspace.pictures().iter().all(|picture| picture.pinhole.is_some()) {
+            for what in ["focal_length", "principal_point", "extra_params"] {
+                known.set(&mut command, &[format!("Mapper.ba_refine_{what}").as_str()], 0);
+            }
+        }
+        if let Some(threads) = self.options.threads {
+            known.set(&mut command, &["Mapper.num_threads"], threads);
+        }
+        (command, known)
     }
 
     /// A last bundle adjustment of a model that moves the principal point, too, where enough pictures share their intrinsics:
