@@ -4,24 +4,16 @@
 use std::path::Path;
 
 use dvr_core::dataset::write_transforms;
-use dvr_core::files::{write_gray_png, write_jpeg};
 use dvr_core::mesh::shapes::{cuboid, revolve, union, vertex_normals};
 use dvr_core::mesh::{Mesh, write_mesh};
 use dvr_core::{Bvh, Camera, Error, Result, Similarity};
-use glam::{DVec3, Vec2, Vec3};
-use rayon::prelude::*;
+use glam::{Vec2, Vec3};
 
-use crate::tabletop::{Coat, Surroundings, Tabletop};
+use crate::tabletop::{Coat, Surroundings, Tabletop, orbit};
 use crate::two_poses::TwoPoses;
 
 /// Elevations of rings of cameras above the object's middle, degrees.
 const ELEVATIONS: [f64; 3] = [15.0, 38.0, 60.0];
-
-/// Distance of the cameras from the object's middle.
-const DISTANCE: f64 = 2.4;
-
-/// Focal length in widths of a picture.
-const FOCAL: f64 = 1.35;
 
 /// What stands on the table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -65,16 +57,7 @@ impl StillLife {
 
     /// The cameras.
     pub fn cameras(&self) -> Vec<Camera> {
-        let height = self.width * 3 / 4;
-        let target = DVec3::new(0.0, 0.27, 0.0);
-        let eye = |i: usize| {
-            let turn = std::f64::consts::TAU * (i as f64 / self.views as f64);
-            let elevation = ELEVATIONS[i % ELEVATIONS.len()].to_radians();
-            target + DISTANCE * DVec3::new(elevation.cos() * turn.cos(), elevation.sin(), elevation.cos() * turn.sin())
-        };
-        (0..self.views)
-            .map(|i| Camera::look_at(self.width, height, FOCAL * f64::from(self.width), eye(i), target, DVec3::Y))
-            .collect()
+        orbit(self.views, self.width, &ELEVATIONS, 0.0)
     }
 
     /// Writes the photographs and their cameras to a folder, and there to `truth/` the mesh and the masks.
@@ -87,12 +70,7 @@ impl StillLife {
         let (mesh, cameras) = (self.object(), self.cameras());
         let (coat, surroundings) = (self.coat, self.surroundings);
         let tabletop = Tabletop { mesh: &mesh, bvh: &Bvh::new(&mesh), pose: Similarity::default(), coat, surroundings };
-        let one = |(i, camera): (usize, &Camera)| {
-            let (picture, mask) = tabletop.photograph(camera, self.samples);
-            write_gray_png(&masks.join(format!("{i:04}.png")), &mask)?;
-            write_jpeg(&out.join(format!("{i:04}.jpg")), &picture, 95, None)
-        };
-        cameras.par_iter().enumerate().map(one).collect::<Result<()>>()?;
+        tabletop.write(&cameras, self.samples, out, Some(&masks))?;
         let names: Vec<String> = (0..cameras.len()).map(|i| format!("{i:04}.jpg")).collect();
         write_transforms(&out.join("transforms.json"), names.iter().map(String::as_str).zip(&cameras), None)?;
         write_mesh(out.join("truth/mesh.ply"), &mesh)
@@ -120,4 +98,20 @@ fn stool() -> Mesh {
     let faces: Vec<[u32; 3]> = (0..vertices.len() as u32 / 3).map(|face| [0, 1, 2].map(|i| 3 * face + i)).collect();
     let normals = Some(vertex_normals(&vertices, &faces));
     Mesh { vertices, faces, normals, ..Mesh::default() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_photographed_rests_on_the_table() {
+        for body in [Body::Stone, Body::Stool] {
+            let (coat, surroundings) = (Coat::Plain, Surroundings::Cloth);
+            let mesh = StillLife { body, coat, surroundings, views: 1, width: 4, samples: 1 }.object();
+            let lowest = mesh.vertices.iter().map(|v| v.y).fold(f32::INFINITY, f32::min);
+            let resting = mesh.vertices.iter().filter(|v| v.y - lowest < 1e-6).count();
+            assert!(lowest.abs() < 1e-6 && resting >= 12, "{body:?}: {lowest}, {resting}");
+        }
+    }
 }

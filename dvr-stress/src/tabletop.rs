@@ -1,9 +1,13 @@
 //! Photographs of an object on a table, with what is around it.
 
+use std::path::Path;
+
+use dvr_core::files::{write_gray_png, write_jpeg};
 use dvr_core::mesh::Mesh;
-use dvr_core::{Bvh, Camera, Ray, RayHit, Similarity};
+use dvr_core::{Bvh, Camera, Ray, RayHit, Result, Similarity};
 use glam::{DQuat, DVec2, DVec3};
 use image::{GrayImage, Luma, Rgb, RgbImage};
+use rayon::prelude::*;
 
 use crate::solid_texture::{blotches, stone};
 
@@ -22,6 +26,13 @@ const FLOOR: f64 = -1.5;
 /// A plain wall, and a plain table or object.
 const WALL: DVec3 = DVec3::new(0.62, 0.64, 0.66);
 const PLAIN: DVec3 = DVec3::new(0.8, 0.8, 0.82);
+
+/// What cameras look at, `y` up from the table, and how far from it they are.
+const TARGET: DVec3 = DVec3::new(0.0, 0.27, 0.0);
+const DISTANCE: f64 = 2.4;
+
+/// Focal length in widths of a picture.
+const FOCAL: f64 = 1.35;
 
 /// What an object is painted with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -110,6 +121,20 @@ fn room(ray: &Ray) -> DVec3 {
     warm * (0.3 + 0.9 * value)
 }
 
+/// Cameras all around a table, each on one of several rings in turn: `elevations` in degrees above what they look at, `start`
+/// in radians. Pictures are `width` pixels wide, and three quarters as high.
+pub(crate) fn orbit(views: usize, width: u32, elevations: &[f64], start: f64) -> Vec<Camera> {
+    let height = width * 3 / 4;
+    let eye = |i: usize| {
+        let turn = std::f64::consts::TAU * (i as f64 / views as f64) + start;
+        let elevation = elevations[i % elevations.len()].to_radians();
+        let across = elevation.cos();
+        TARGET + DISTANCE * DVec3::new(across * turn.cos(), elevation.sin(), across * turn.sin())
+    };
+    let camera = |i| Camera::look_at(width, height, FOCAL * f64::from(width), eye(i), TARGET, DVec3::Y);
+    (0..views).map(camera).collect()
+}
+
 /// An object on a table that is to be photographed.
 pub(crate) struct Tabletop<'a> {
     pub mesh: &'a Mesh,
@@ -122,7 +147,7 @@ pub(crate) struct Tabletop<'a> {
 
 impl Tabletop<'_> {
     /// What a camera in the object's coordinates sees, and where it sees the object; `samples` along each axis of a pixel.
-    pub fn photograph(&self, camera: &Camera, samples: u32) -> (RgbImage, GrayImage) {
+    fn photograph(&self, camera: &Camera, samples: u32) -> (RgbImage, GrayImage) {
         let place = |i: u32| (f64::from(i) + 0.5) / f64::from(samples);
         let byte = |sum: f64| (255.0 * (sum / f64::from(samples * samples)).clamp(0.0, 1.0)).round() as u8;
         let center = self.pose.transform_point(camera.center());
@@ -144,6 +169,21 @@ impl Tabletop<'_> {
             Rgb(sum.to_array().map(byte))
         });
         (picture, coverage)
+    }
+
+    /// Writes what cameras see, `0000.jpg` and so on, and where they see the object, `0000.png`, to folders that are there.
+    ///
+    /// # Errors
+    /// When a file cannot be written.
+    pub fn write(&self, cameras: &[Camera], samples: u32, pictures: &Path, masks: Option<&Path>) -> Result<()> {
+        let one = |(i, camera): (usize, &Camera)| {
+            let (picture, mask) = self.photograph(camera, samples);
+            if let Some(masks) = masks {
+                write_gray_png(&masks.join(format!("{i:04}.png")), &mask)?;
+            }
+            write_jpeg(&pictures.join(format!("{i:04}.jpg")), &picture, 95, None)
+        };
+        cameras.par_iter().enumerate().map(one).collect()
     }
 
     /// Where the light comes from in the object's coordinates.

@@ -4,14 +4,13 @@
 use std::path::Path;
 
 use dvr_core::dataset::write_transforms;
-use dvr_core::files::{write_gray_png, write_jpeg};
 use dvr_core::mesh::shapes::{icosphere, vertex_normals};
 use dvr_core::mesh::{Mesh, write_mesh};
 use dvr_core::{Bvh, Camera, Error, Result, Sighting, Similarity, triangulate};
 use glam::{DQuat, DVec3, Vec3};
 use rayon::prelude::*;
 
-use crate::tabletop::{Coat, Surroundings, Tabletop};
+use crate::tabletop::{Coat, Surroundings, Tabletop, orbit};
 
 /// The names of the two sets.
 pub const SETS: [&str; 2] = ["top", "bottom"];
@@ -25,12 +24,6 @@ const FLAT: [f32; 2] = [-0.25, 0.3];
 /// Elevations of rings of cameras above the object's middle, degrees: half of them are low, and see in both poses the same
 /// of the sides.
 const ELEVATIONS: [f64; 4] = [8.0, 32.0, 8.0, 58.0];
-
-/// Distance of the cameras from the object's middle.
-const DISTANCE: f64 = 2.4;
-
-/// Focal length in widths of a picture.
-const FOCAL: f64 = 1.35;
 
 /// How the two poses are photographed.
 #[derive(Clone, Copy, Debug)]
@@ -72,18 +65,8 @@ impl TwoPoses {
     /// The cameras of a set, in the object's coordinates.
     pub fn cameras(&self, set: usize) -> Vec<Camera> {
         let pose = Self::pose(set);
-        let height = self.width * 3 / 4;
-        let target = DVec3::new(0.0, 0.27, 0.0);
-        let eye = |i: usize| {
-            let turn = std::f64::consts::TAU * (i as f64 / self.views as f64) + set as f64;
-            let elevation = ELEVATIONS[i % ELEVATIONS.len()].to_radians();
-            let across = elevation.cos();
-            target + DISTANCE * DVec3::new(across * turn.cos(), elevation.sin(), across * turn.sin())
-        };
-        (0..self.views)
-            .map(|i| Camera::look_at(self.width, height, FOCAL * f64::from(self.width), eye(i), target, DVec3::Y))
-            .map(|camera| camera.into_object_space(&pose))
-            .collect()
+        let on_table = orbit(self.views, self.width, &ELEVATIONS, set as f64);
+        on_table.iter().map(|camera| camera.into_object_space(&pose)).collect()
     }
 
     /// Writes the photographs to `top/` and `bottom/` in a folder, and the truth, the mesh and the cameras in its
@@ -103,14 +86,7 @@ impl TwoPoses {
             let cameras = self.cameras(set);
             let (pose, surroundings) = (Self::pose(set), TABLES[set]);
             let tabletop = Tabletop { mesh: &mesh, bvh: &bvh, pose, coat: Coat::Stone, surroundings };
-            let one = |(i, camera): (usize, &Camera)| {
-                let (picture, mask) = tabletop.photograph(camera, self.samples);
-                if self.masks {
-                    write_gray_png(&masks.join(format!("{i:04}.png")), &mask)?;
-                }
-                write_jpeg(&folder.join(format!("{i:04}.jpg")), &picture, 95, None)
-            };
-            cameras.par_iter().enumerate().map(one).collect::<Result<()>>()?;
+            tabletop.write(&cameras, self.samples, &folder, self.masks.then_some(masks.as_path()))?;
             let names: Vec<String> = (0..cameras.len()).map(|i| format!("../../{name}/{i:04}.jpg")).collect();
             write_transforms(&truth.join("transforms.json"), names.iter().map(String::as_str).zip(&cameras), None)?;
         }
