@@ -17,6 +17,7 @@
 //! Vogiatzis, Hernandez and Cipolla, *Automatic 3D object segmentation in multiple views using volumetric graph-cuts*,
 //! 2010). A program that knows what objects look like needs one picture alone ([`masks_by_program`]).
 
+mod all_views;
 mod by_program;
 mod color_model;
 mod error;

@@ -2,10 +2,10 @@
 
 use dvr_core::{Cancellation, Cancelled, Mask, View};
 
+use crate::all_views::of_all_views;
 use crate::evidence::Evidence;
 use crate::merge::merged;
 use crate::radiance::{Fit, LEVELS, LearnedMasks};
-use crate::segment::of_all_views;
 use crate::shrunk::Shrunk;
 use crate::two_ways::{Nearer, TwoWays, nearer, overlap};
 

@@ -2,17 +2,18 @@
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use dvr_core::{Cancellation, Cancelled, Mask, Split, View, signed_distance};
+use dvr_core::{Cancellation, Mask, Split, View, signed_distance};
 use glam::Vec3;
 use rayon::prelude::*;
 
 use crate::HALF;
+use crate::all_views::of_all_views;
 use crate::color_model::{ColorCounts, ColorModel, MAX_RATIO, ObjectColors};
 use crate::error::SegmentationError;
 use crate::evidence::Evidence;
 use crate::outline::{Edges, OUTLINE, drawn};
 use crate::parts::join_parts;
-use crate::radiance::{LEVELS, on_pixels};
+use crate::radiance::LEVELS;
 use crate::second_way::{Believed, SecondWay};
 use crate::shrunk::{FINAL_SIZE, Shrunk, WORKING_SIZE};
 use crate::support_colors::SupportColors;
@@ -205,22 +206,6 @@ fn again(
     Ok(of_all_views(views.len(), cancellation, advance, |i| work.mask(i, &views[i]))?)
 }
 
-/// One mask for each view, side by side.
-pub(crate) fn of_all_views(
-    views: usize,
-    cancellation: &Cancellation,
-    advance: &(dyn Fn(usize) + Sync),
-    mask: impl Fn(usize) -> Mask + Sync,
-) -> Result<Vec<Mask>, Cancelled> {
-    let of_view = |i: usize| {
-        cancellation.check()?;
-        let mask = mask(i);
-        advance(1);
-        Ok(mask)
-    };
-    (0..views).into_par_iter().map(of_view).collect()
-}
-
 /// What is known at a time.
 struct Work<'a> {
     views: &'a [Shrunk],
@@ -250,7 +235,9 @@ impl<'a> Work<'a> {
 
     /// From these masks, with finer rounds.
     fn start_again(&mut self, masks: &[Mask]) {
-        let belongs = |(view, mask)| on_pixels(mask, view).into_iter().map(|is| f32::from(u8::from(is))).collect();
+        let belongs = |(view, mask): (&Shrunk, &Mask)| {
+            view.covered_by(mask).into_iter().map(|is| f32::from(u8::from(is))).collect()
+        };
         self.belongs = self.views.par_iter().zip(masks).map(belongs).collect();
         (self.volume, self.rounds) = (None, CLOSER);
     }

@@ -1,6 +1,6 @@
 //! Photographs at the size that segmentation works at.
 
-use dvr_core::{Pinhole, View};
+use dvr_core::{Mask, Pinhole, View};
 use glam::Vec2;
 use image::imageops;
 
@@ -47,6 +47,17 @@ impl Shrunk {
     pub fn pixel_at(&self, place: Vec2) -> Option<usize> {
         let inside = place.x >= 0.0 && place.y >= 0.0 && place.x < self.width as f32 && place.y < self.height as f32;
         inside.then(|| place.y as usize * self.width + place.x as usize)
+    }
+
+    /// Which pixels the mask of the view covers, which may have another size.
+    pub fn covered_by(&self, mask: &Mask) -> Vec<bool> {
+        let (width, height) = mask.coverage.dimensions();
+        let scale = Vec2::new(width as f32 / self.width as f32, height as f32 / self.height as f32);
+        let is_object = |pixel: usize| {
+            let place = scale * self.middle(pixel);
+            mask.is_object(place.x as u32, place.y as u32)
+        };
+        (0..self.len()).map(is_object).collect()
     }
 
     /// The pixels that are nearer to the frame than this, in pixels, and not nearer than `from`.

@@ -1,7 +1,7 @@
 //! Masks of what a radiance field has in the object's cube.
 
 use dvr_core::{Cancellation, Cancelled, Mask, View, signed_distance};
-use glam::{Vec2, Vec3};
+use glam::Vec3;
 use rayon::prelude::*;
 
 use super::field::Scratch;
@@ -77,7 +77,7 @@ impl<'a> LearnedMasks<'a> {
         let of_view = |(i, view, shares): &'_ (usize, Shrunk, Vec<f32>)| {
             let covered = self.volume.silhouette(view);
             let second = covered.iter().zip(shares).map(|(covered, share)| *covered && *share > 0.5).collect();
-            (on_pixels(&masks[*i], view), second)
+            (view.covered_by(&masks[*i]), second)
         };
         let ways = self.shown.par_iter().map(of_view).collect::<Vec<_>>();
         self.shown.iter().zip(ways).map(|((_, view, _), (first, second))| TwoWays { view, first, second }).collect()
@@ -100,17 +100,6 @@ impl<'a> LearnedMasks<'a> {
         join_parts(&mut belongs, |pixel| covered[pixel], fine.width);
         drawn(&belongs, &fine, view)
     }
-}
-
-/// Which pixels of a small picture a mask covers.
-pub(crate) fn on_pixels(mask: &Mask, view: &Shrunk) -> Vec<bool> {
-    let (width, height) = mask.coverage.dimensions();
-    let scale = Vec2::new(width as f32 / view.width as f32, height as f32 / view.height as f32);
-    let is_object = |pixel: usize| {
-        let place = scale * view.middle(pixel);
-        mask.is_object(place.x as u32, place.y as u32)
-    };
-    (0..view.len()).map(is_object).collect()
 }
 
 /// The share of the light of each pixel that is `asked` for that comes from the object; 0 of others.

@@ -7,7 +7,7 @@ mod fit;
 mod masks;
 
 pub(crate) use fit::{Fit, LEVELS};
-pub(crate) use masks::{LearnedMasks, on_pixels};
+pub(crate) use masks::LearnedMasks;
 
 /// Bytes that learning takes at most, about.
 pub(crate) const BYTES: u64 = fit::BYTES;

@@ -113,12 +113,17 @@ fn a_ball_is_told_from_a_table_with_blotches_of_its_own_colours_in_part() {
 }
 
 #[test]
-fn a_ball_is_told_from_a_plain_table_by_its_colours() {
-    let (views, right) = scene(|_| [0.8, 0.8, 0.82]);
+fn a_ball_is_told_from_a_plain_table_by_its_colours_and_the_same_twice() {
+    let (mut views, right) = scene(|_| [0.8, 0.8, 0.82]);
     let found = segment(&views, Wanted::Object, &Cancellation::default(), &|_, _| ()).unwrap();
     assert!(found.support.is_none(), "nothing of the table can be compared: {:?}", found.support);
     let worst = least_overlap(&found.masks, &right);
     assert!(worst > 0.9, "{worst}");
+    let again = |views: &[View]| segment(views, Wanted::Object, &Cancellation::default(), &|_, _| ()).unwrap().masks;
+    assert_eq!(again(&views), found.masks);
+    // Views for testing have no say.
+    repaint_tests(&mut views);
+    assert!(trained_alike(&views, &found.masks, &again(&views)));
 }
 
 #[test]
