@@ -253,8 +253,20 @@ impl Steps<'_> {
         let (mut command, known) = self.mapper(workspace, &larger);
         command.arg("--input_path").arg(largest);
         known.set(&mut command, &["Mapper.abs_pose_min_num_inliers"], FEW_POINTS);
-        self.run(&mut command, "mapping", workspace, 0)?;
-        let Ok(found) = read_colmap_model(&larger) else { return Ok(()) };
+        match self.run(&mut command, "mapping", workspace, 0) {
+            // The model that stands is as good as before.
+            Err(SfmError::Failed { how, .. }) => {
+                let note = format!(
+                    "COLMAP failed ({how}) as it tried the pictures that it had left out once more; the model without \
+                     them is taken (sfm.log has its words)"
+                );
+                (self.tell)(Event::Note(note.clone()));
+                workspace.note(note);
+                return Ok(());
+            }
+            ended => ended?,
+        }
+        let found = read_colmap_model(&larger)?;
         if found.pictures.len() <= model.pictures.len() {
             return Ok(());
         }
