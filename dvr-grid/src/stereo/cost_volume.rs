@@ -1,5 +1,7 @@
 //! What each depth of each pixel of a view costs.
 
+use std::ops::Range;
+
 use super::picture::Picture;
 
 /// Pixels that a point moves in a neighbour from plane to plane.
@@ -23,7 +25,7 @@ pub(super) struct Part {
     pub height: usize,
 }
 
-/// What each depth of each pixel costs, in the part of a view that shows the object.
+/// What each depth of each pixel costs, in the part of a view that shows the object. Only depths in the hull are stored.
 pub(super) struct CostVolume {
     pub width: usize,
     pub height: usize,
@@ -31,12 +33,29 @@ pub(super) struct CostVolume {
     pub near: f32,
     pub step: f32,
     pub planes: usize,
-    /// One less the correlation, of all depths of the first pixel, then of the second.
+    /// One less the correlation, of the depths of the first pixel that lie in the hull, then of the second.
     pub costs: Vec<f32>,
+    /// Where the costs of each pixel begin, and where those of the last end.
+    starts: Vec<usize>,
     /// First and last depth of each pixel that lies in the hull; none where the first is larger.
-    pub ranges: Vec<[u16; 2]>,
+    ranges: Vec<[u16; 2]>,
     /// Brightness.
     pub grey: Vec<f32>,
+}
+
+/// Rows and columns from the first up to but without the last.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Window {
+    pub rows: [usize; 2],
+    pub columns: [usize; 2],
+}
+
+impl Window {
+    /// The pixels of each of its rows, of a picture of this width.
+    pub fn rows_in(&self, width: usize) -> impl Iterator<Item = Range<usize>> + use<> {
+        let [first, last] = self.columns;
+        (self.rows[0]..self.rows[1]).map(move |row| row * width + first..row * width + last)
+    }
 }
 
 impl Part {
@@ -72,49 +91,67 @@ impl CostVolume {
             let plane = |depth: f32| ((depth - near) / step).clamp(0.0, (planes - 1) as f32);
             [(plane(first) - 1.0).max(0.0) as u16, (plane(last) + 1.0).min((planes - 1) as f32) as u16]
         };
-        let volume = Self {
-            width: part.width,
-            height: part.height,
-            near,
-            step,
-            planes,
-            costs: vec![UNKNOWN; pixels * planes],
-            ranges: (0..pixels).map(range).collect(),
-            grey: (0..pixels).map(|i| picture.grey[part.pixel(i, picture)]).collect(),
-        };
-        Some((volume, part))
+        let ranges = (0..pixels).map(range).collect();
+        let grey = (0..pixels).map(|i| picture.grey[part.pixel(i, picture)]).collect();
+        Some((Self::unknown([part.width, part.height], [near, step], planes, ranges, grey), part))
     }
 
-    /// Whether a pixel may lie at a plane.
-    pub fn may_lie(&self, pixel: usize, plane: usize) -> bool {
-        let [first, last] = self.ranges[pixel].map(usize::from);
-        (first..=last).contains(&plane)
-    }
-
-    /// The first row with a pixel that may lie at a plane, and the one after the last.
-    pub fn rows_at(&self, plane: usize) -> Option<[usize; 2]> {
-        let may = |row: &usize| (row * self.width..(row + 1) * self.width).any(|pixel| self.may_lie(pixel, plane));
-        let first = (0..self.height).find(may)?;
-        let last = (0..self.height).rfind(may)?;
-        Some([first, last + 1])
-    }
-
-    /// The depth of least aggregated cost, between planes, and the correlation there.
-    pub fn best(&self, aggregated: &[f32], pixel: usize) -> Option<(f32, f32)> {
-        let [first, last] = self.ranges[pixel].map(usize::from);
-        if first > last {
-            return None;
+    /// One whose depths cost all the same: of these columns and rows, from a depth on and so far apart.
+    pub fn unknown(
+        [width, height]: [usize; 2],
+        [near, step]: [f32; 2],
+        planes: usize,
+        ranges: Vec<[u16; 2]>,
+        grey: Vec<f32>,
+    ) -> Self {
+        let mut starts = Vec::with_capacity(ranges.len() + 1);
+        let mut count = 0;
+        for &[first, last] in &ranges {
+            starts.push(count);
+            count += (usize::from(last) + 1).saturating_sub(first.into());
         }
-        let costs = &aggregated[pixel * self.planes..(pixel + 1) * self.planes];
-        let best = (first..=last).min_by(|&a, &b| costs[a].total_cmp(&costs[b]))?;
-        let correlation = 1.0 - self.costs[pixel * self.planes + best];
-        let offset = if best > first && best < last {
+        starts.push(count);
+        Self { width, height, near, step, planes, costs: vec![UNKNOWN; count], starts, ranges, grey }
+    }
+
+    /// The planes that a pixel may lie at, and where their costs are; none out of the hull.
+    #[inline]
+    pub fn planes_of(&self, pixel: usize) -> (Range<usize>, Range<usize>) {
+        let first = usize::from(self.ranges[pixel][0]);
+        let costs = self.starts[pixel]..self.starts[pixel + 1];
+        (first..first + costs.len(), costs)
+    }
+
+    /// Around the pixels that may lie at each plane; `None` where none does.
+    pub fn windows(&self) -> Vec<Option<Window>> {
+        let mut windows = vec![None; self.planes];
+        for pixel in 0..self.ranges.len() {
+            let (row, column) = (pixel / self.width, pixel % self.width);
+            for window in &mut windows[self.planes_of(pixel).0] {
+                let Window { rows, columns } =
+                    window.get_or_insert(Window { rows: [row, row], columns: [column, column] });
+                rows[1] = row + 1;
+                *columns = [columns[0].min(column), columns[1].max(column + 1)];
+            }
+        }
+        windows
+    }
+
+    /// The depth of least aggregated cost, between planes, and the correlation there. Costs are laid out as those of the
+    /// volume.
+    pub fn best(&self, aggregated: &[f32], pixel: usize) -> Option<(f32, f32)> {
+        let (planes, at) = self.planes_of(pixel);
+        let costs = &aggregated[at.clone()];
+        let best = (0..costs.len()).min_by(|&a, &b| costs[a].total_cmp(&costs[b]))?;
+        let correlation = 1.0 - self.costs[at.start + best];
+        let offset = if best > 0 && best + 1 < costs.len() {
             let (a, b, c) = (costs[best - 1], costs[best], costs[best + 1]);
             let curvature = a + c - 2.0 * b;
             if curvature > 1e-6 { (0.5 * (a - c) / curvature).clamp(-0.5, 0.5) } else { 0.0 }
         } else {
             0.0
         };
-        (correlation > MIN_CORRELATION).then_some((self.near + (best as f32 + offset) * self.step, correlation))
+        let depth = self.near + ((planes.start + best) as f32 + offset) * self.step;
+        (correlation > MIN_CORRELATION).then_some((depth, correlation))
     }
 }

@@ -1,7 +1,9 @@
 //! Semi-global matching (Hirschmueller 2008): costs summed along eight directions, with a price for depths that change
 //! from pixel to pixel.
 
-use pulp::Arch;
+use std::ops::Range;
+
+use pulp::{Arch, NullaryFnOnce};
 
 use super::cost_volume::CostVolume;
 
@@ -18,65 +20,76 @@ const CONTRAST: f32 = 0.08;
 pub(super) fn aggregate(volume: &CostVolume) -> Vec<f32> {
     let mut sums = vec![0.0; volume.costs.len()];
     let arch = Arch::new();
-    for (dx, dy) in [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1)] {
-        arch.dispatch(|| along(volume, dx, dy, &mut sums));
+    for direction in [[1, 0], [-1, 0], [0, 1], [0, -1], [1, 1], [-1, 1], [1, -1], [-1, -1]] {
+        arch.dispatch(Along { volume, direction, sums: &mut sums });
     }
     sums
 }
 
 /// Adds the costs along one direction.
-#[inline(always)]
-fn along(volume: &CostVolume, dx: i32, dy: i32, sums: &mut [f32]) {
-    let (width, height, planes) = (volume.width, volume.height, volume.planes);
-    // Costs of the row before and of this one, and of the pixel before on the path.
-    let (mut before, mut here) = (Row::new(width, planes), Row::new(width, planes));
-    let mut old = vec![f32::INFINITY; planes];
-    for row in 0..height {
-        let y = if dy < 0 { height - 1 - row } else { row };
-        for column in 0..width {
-            let x = if dx < 0 { width - 1 - column } else { column };
-            let pixel = y * width + x;
-            let [first, last] = volume.ranges[pixel].map(usize::from);
-            if first > last {
-                continue;
-            }
-            let from = came_from(volume, [x, y], [dx, dy]);
-            let least = from.map(|from| {
-                let row = if dy == 0 { &here } else { &before };
-                old.copy_from_slice(row.costs(from % width));
-                row.least[from % width]
-            });
-            let costs = &volume.costs[pixel * planes..(pixel + 1) * planes];
-            let own = &mut here.costs[x * planes..(x + 1) * planes];
-            own.fill(f32::INFINITY);
-            match (from, least) {
-                (Some(from), Some(least)) => {
-                    let contrast = (volume.grey[pixel] - volume.grey[from]).abs() / CONTRAST;
-                    let jump = (JUMP / (1.0 + contrast)).max(SLANT);
-                    step(&costs[first..=last], &old, first, least, jump, &mut own[first..=last]);
+struct Along<'a> {
+    volume: &'a CostVolume,
+    direction: [i32; 2],
+    sums: &'a mut [f32],
+}
+
+/// Compiled for each instruction set: a closure would not be.
+impl NullaryFnOnce for Along<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Self { volume, direction: [dx, dy], sums } = self;
+        let (width, height) = (volume.width, volume.height);
+        // Costs of the row before and of this one on their paths, and of the pixel before.
+        let (mut before, mut here) = (Row::new(width, volume.planes), Row::new(width, volume.planes));
+        let mut old = vec![f32::INFINITY; volume.planes + 2];
+        for row in 0..height {
+            let y = if dy < 0 { height - 1 - row } else { row };
+            for column in 0..width {
+                let x = if dx < 0 { width - 1 - column } else { column };
+                let pixel = y * width + x;
+                let (planes, at) = volume.planes_of(pixel);
+                if planes.is_empty() {
+                    continue;
                 }
-                _ => own[first..=last].copy_from_slice(&costs[first..=last]),
+                let costs = &volume.costs[at.clone()];
+                let from = came_from(volume, [x, y], [dx, dy]).map(|from| {
+                    let (there, _) = volume.planes_of(from);
+                    let row = if dy == 0 { &here } else { &before };
+                    around(&planes, &there, row.costs(from % width), &mut old);
+                    (from, row.least[from % width])
+                });
+                let own = &mut here.costs_mut(x)[..costs.len()];
+                match from {
+                    Some((from, least)) => {
+                        let contrast = (volume.grey[pixel] - volume.grey[from]).abs() / CONTRAST;
+                        let jump = (JUMP / (1.0 + contrast)).max(SLANT);
+                        step(costs, &old, least, jump, own);
+                    }
+                    None => own.copy_from_slice(costs),
+                }
+                sums[at].iter_mut().zip(&*own).for_each(|(sum, cost)| *sum += cost);
+                let least = least(own);
+                here.least[x] = least;
             }
-            let sums = &mut sums[pixel * planes..(pixel + 1) * planes];
-            sums[first..=last].iter_mut().zip(&own[first..=last]).for_each(|(sum, cost)| *sum += cost);
-            here.least[x] = own[first..=last].iter().copied().fold(f32::INFINITY, f32::min);
-        }
-        if dy != 0 {
-            std::mem::swap(&mut before, &mut here);
+            if dy != 0 {
+                std::mem::swap(&mut before, &mut here);
+            }
         }
     }
 }
 
 /// The pixel before on the path, where there is one that lies in the hull.
+#[inline(always)]
 fn came_from(volume: &CostVolume, [x, y]: [usize; 2], [dx, dy]: [i32; 2]) -> Option<usize> {
     let x = x.checked_add_signed(-dx as isize).filter(|&x| x < volume.width)?;
     let y = y.checked_add_signed(-dy as isize).filter(|&y| y < volume.height)?;
     let pixel = y * volume.width + x;
-    let [first, last] = volume.ranges[pixel];
-    (first <= last).then_some(pixel)
+    (!volume.planes_of(pixel).0.is_empty()).then_some(pixel)
 }
 
-/// Costs of a row of pixels on their paths, and the least of each.
+/// Costs of a row of pixels on their paths, each from its first plane on, and the least of each.
 struct Row {
     costs: Vec<f32>,
     least: Vec<f32>,
@@ -88,41 +101,66 @@ impl Row {
         Self { costs: vec![f32::INFINITY; width * planes], least: vec![0.0; width], planes }
     }
 
+    #[inline(always)]
     fn costs(&self, x: usize) -> &[f32] {
-        &self.costs[x * self.planes..(x + 1) * self.planes]
+        &self.costs[x * self.planes..][..self.planes]
+    }
+
+    #[inline(always)]
+    fn costs_mut(&mut self, x: usize) -> &mut [f32] {
+        &mut self.costs[x * self.planes..][..self.planes]
     }
 }
 
-/// The costs of a pixel, given those of the one before on the path.
+/// Writes the costs of the planes `there`, given from the first one on, from the plane before `planes` to the one behind
+/// them; without a limit for others.
 #[inline(always)]
-fn step(costs: &[f32], old: &[f32], first: usize, least: f32, jump: f32, out: &mut [f32]) {
-    let planes = old.len();
-    let limit = least + jump;
-    let value = |k: usize, left: f32, middle: f32, right: f32| {
-        costs[k] + middle.min(left.min(right) + SLANT).min(limit) - least
-    };
-    let count = costs.len();
-    let inner = usize::from(first == 0)..count - usize::from(first + count == planes);
-    for k in 0..inner.start.min(count) {
-        out[k] = value(k, f32::INFINITY, old[first + k], old.get(first + k + 1).copied().unwrap_or(f32::INFINITY));
+fn around(planes: &Range<usize>, there: &Range<usize>, costs: &[f32], out: &mut [f32]) {
+    // From here on, places are one behind planes.
+    let out = &mut out[..planes.len() + 2];
+    out.fill(f32::INFINITY);
+    let (first, last) = (planes.start.max(there.start + 1), (planes.end + 2).min(there.end + 1));
+    if first < last {
+        let costs = &costs[first - 1 - there.start..last - 1 - there.start];
+        out[first - planes.start..last - planes.start].copy_from_slice(costs);
     }
-    if inner.start < inner.end {
-        let n = inner.len();
-        let from = first + inner.start;
-        let (left, middle, right) = (&old[from - 1..][..n], &old[from..][..n], &old[from + 1..][..n]);
-        let (costs, out) = (&costs[inner.clone()], &mut out[inner.clone()]);
-        for k in 0..n {
-            out[k] = costs[k] + middle[k].min(left[k].min(right[k]) + SLANT).min(limit) - least;
+}
+
+/// The costs of a pixel, given those of the one before on the path, `old`, from one plane before on.
+#[inline(always)]
+fn step(costs: &[f32], old: &[f32], least: f32, jump: f32, out: &mut [f32]) {
+    let (limit, n) = (least + jump, costs.len());
+    let (left, middle, right, out) = (&old[..n], &old[1..][..n], &old[2..][..n], &mut out[..n]);
+    for k in 0..n {
+        out[k] = costs[k] + lesser(lesser(middle[k], lesser(left[k], right[k]) + SLANT), limit) - least;
+    }
+}
+
+/// The least of some costs.
+#[inline(always)]
+fn least(costs: &[f32]) -> f32 {
+    const LANES: usize = 16;
+    let (chunks, rest) = costs.as_chunks::<LANES>();
+    let mut least = [f32::INFINITY; LANES];
+    for chunk in chunks {
+        for lane in 0..LANES {
+            least[lane] = lesser(least[lane], chunk[lane]);
         }
     }
-    for k in inner.end.max(inner.start)..count {
-        let left = if first + k > 0 { old[first + k - 1] } else { f32::INFINITY };
-        out[k] = value(k, left, old[first + k], f32::INFINITY);
-    }
+    least.iter().chain(rest).fold(f32::INFINITY, |a, &b| lesser(a, b))
+}
+
+/// One instruction, unlike [`f32::min`], which looks for what is not a number.
+#[inline(always)]
+fn lesser(a: f32, b: f32) -> f32 {
+    if a < b { a } else { b }
 }
 
 #[cfg(test)]
 mod tests {
+    use rand::{Rng, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
     use super::*;
 
     /// A volume of 9x9 pixels and 12 planes, with these costs.
@@ -132,16 +170,10 @@ mod tests {
             .flat_map(|pixel| (0..planes).map(move |plane| (pixel, plane)))
             .map(|(pixel, plane)| cost(pixel % width, pixel / width, plane))
             .collect();
-        CostVolume {
-            width,
-            height,
-            near: 1.0,
-            step: 0.1,
-            planes,
-            costs,
-            ranges: vec![[0, planes as u16 - 1]; width * height],
-            grey: vec![0.5; width * height],
-        }
+        let ranges = vec![[0, planes as u16 - 1]; width * height];
+        let mut volume = CostVolume::unknown([width, height], [1.0, 0.1], planes, ranges, vec![0.5; width * height]);
+        volume.costs = costs;
+        volume
     }
 
     #[test]
@@ -160,5 +192,60 @@ mod tests {
         }
         let costs = &aggregated[40 * 12..41 * 12];
         assert!(costs[4] < costs[10], "{costs:?}");
+    }
+
+    /// Costs along one direction by the definition, of all planes of all pixels; infinite where none may lie.
+    fn by_definition(volume: &CostVolume, [dx, dy]: [i32; 2]) -> Vec<Vec<f32>> {
+        let (width, height) = (volume.width as i32, volume.height as i32);
+        let mut found = vec![vec![f32::INFINITY; volume.planes]; volume.width * volume.height];
+        for i in 0..width * height {
+            let (column, row) = (i % width, i / width);
+            let x = if dx < 0 { width - 1 - column } else { column };
+            let y = if dy < 0 { height - 1 - row } else { row };
+            let pixel = (y * width + x) as usize;
+            let (planes, at) = volume.planes_of(pixel);
+            let is_there = (0..width).contains(&(x - dx)) && (0..height).contains(&(y - dy));
+            let before = is_there.then(|| ((y - dy) * width + x - dx) as usize);
+            let before = before.filter(|&before| !volume.planes_of(before).0.is_empty());
+            for (plane, cost) in planes.zip(at) {
+                let least = before.map(|before| {
+                    let old = &found[before];
+                    let least = old.iter().copied().fold(f32::INFINITY, f32::min);
+                    let contrast = (volume.grey[pixel] - volume.grey[before]).abs() / CONTRAST;
+                    let beside =
+                        [plane.wrapping_sub(1), plane + 1].map(|k| old.get(k).copied().unwrap_or(f32::INFINITY));
+                    let slanted = beside[0].min(beside[1]) + SLANT;
+                    old[plane].min(slanted).min(least + (JUMP / (1.0 + contrast)).max(SLANT)) - least
+                });
+                found[pixel][plane] = volume.costs[cost] + least.unwrap_or(0.0);
+            }
+        }
+        found
+    }
+
+    #[test]
+    fn costs_of_pixels_with_ranges_of_their_own_are_those_of_the_definition() {
+        let mut rng = ChaCha8Rng::seed_from_u64(3);
+        let (width, height, planes) = (13, 11, 40);
+        let range = |rng: &mut ChaCha8Rng| {
+            let [a, b] = [0, 1].map(|_| rng.random_range(0..planes as u16));
+            // Some pixels lie out of the hull.
+            if rng.random_range(0..5) == 0 { [1, 0] } else { [a.min(b), a.max(b)] }
+        };
+        let ranges = (0..width * height).map(|_| range(&mut rng)).collect();
+        let grey = (0..width * height).map(|_| rng.random()).collect();
+        let mut volume = CostVolume::unknown([width, height], [1.0, 0.1], planes, ranges, grey);
+        volume.costs.iter_mut().for_each(|cost| *cost = rng.random());
+        let found = aggregate(&volume);
+        let mut expected = vec![0.0; found.len()];
+        for direction in [[1, 0], [-1, 0], [0, 1], [0, -1], [1, 1], [-1, 1], [1, -1], [-1, -1]] {
+            let along = by_definition(&volume, direction);
+            for (pixel, along) in along.iter().enumerate() {
+                let (planes, at) = volume.planes_of(pixel);
+                expected[at].iter_mut().zip(&along[planes]).for_each(|(sum, cost)| *sum += cost);
+            }
+        }
+        assert!(found.iter().zip(&expected).all(|(found, expected)| (found - expected).abs() < 1e-4));
+        assert!(found.len() > 1000 && found.iter().any(|&cost| cost > 2.0));
     }
 }

@@ -2,8 +2,8 @@
 
 use pulp::Arch;
 
-use super::correlation::{Space, correlate, warp};
-use super::cost_volume::{CostVolume, Part};
+use super::correlation::{Match, Space};
+use super::cost_volume::{CostVolume, Part, UNKNOWN};
 use super::depth_map::DepthMap;
 use super::hull::Hull;
 use super::picture::Picture;
@@ -11,6 +11,9 @@ use super::semi_global;
 
 /// The least sine of an angle between neighbours that sets the distance of planes.
 const LEAST_ANGLE: f32 = 0.05;
+
+/// Planes whose costs are written to the volume together: those of a pixel lie in a cache line or two.
+const TOGETHER: usize = 16;
 
 /// The depths of a view.
 pub(super) fn depth_map(pictures: &[Picture], view: usize, neighbours: &[usize], hull: &Hull) -> DepthMap {
@@ -41,19 +44,29 @@ pub(super) fn depth_map(pictures: &[Picture], view: usize, neighbours: &[usize],
 /// Fills in the costs: one less the mean of the two best correlations with neighbours, since some do not see a place.
 fn sweep(volume: &mut CostVolume, part: &Part, picture: &Picture, pictures: &[Picture], neighbours: &[usize]) {
     let arch = Arch::new();
-    let mut space = Space::new(part);
-    for plane in 0..volume.planes {
-        let depth = volume.near + plane as f32 * volume.step;
-        let Some(rows) = volume.rows_at(plane) else { continue };
-        space.best.fill([-1.0; 2]);
-        for &other in neighbours {
-            warp(picture, &pictures[other], depth, part, rows, &mut space);
-            arch.dispatch(|| correlate(volume, rows, &mut space));
+    let (mut space, windows) = (Space::new(part), volume.windows());
+    // Costs of the pixels of one plane lie side by side; in the volume, those of the planes of one pixel do.
+    let mut planes: [Vec<f32>; TOGETHER] = std::array::from_fn(|_| vec![UNKNOWN; part.width * part.height]);
+    for first in (0..volume.planes).step_by(TOGETHER) {
+        for ((plane, window), costs) in (first..).zip(&windows[first..]).zip(&mut planes) {
+            let Some(window) = *window else { continue };
+            window.rows_in(part.width).for_each(|pixels| space.best[pixels].fill([-1.0; 2]));
+            let depth = volume.near + plane as f32 * volume.step;
+            for &other in neighbours {
+                let (other, space) = (&pictures[other], &mut space);
+                arch.dispatch(Match { volume, part, own: picture, other, depth, window, space });
+            }
+            for pixels in window.rows_in(part.width) {
+                for (cost, &[best, second]) in costs[pixels.clone()].iter_mut().zip(&space.best[pixels]) {
+                    *cost = if second > -1.0 { 1.0 - 0.5 * (best + second) } else { UNKNOWN };
+                }
+            }
         }
-        for pixel in rows[0] * part.width..rows[1] * part.width {
-            let [best, second] = space.best[pixel];
-            if second > -1.0 && volume.may_lie(pixel, plane) {
-                volume.costs[pixel * volume.planes + plane] = 1.0 - 0.5 * (best + second);
+        for pixel in 0..part.width * part.height {
+            let (of_pixel, at) = volume.planes_of(pixel);
+            let (from, to) = (of_pixel.start.max(first), of_pixel.end.min(first + TOGETHER));
+            for plane in from..to {
+                volume.costs[at.start + plane - of_pixel.start] = planes[plane - first][pixel];
             }
         }
     }
