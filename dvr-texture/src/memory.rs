@@ -17,7 +17,7 @@ pub(crate) const TEXEL: u64 = (size_of::<Vec3>() + size_of::<Vec4>() * 4 / 3 + 1
 /// Bytes of a cell of a z-buffer: depth and face.
 const CELL: u64 = (size_of::<f32>() + size_of::<u32>()) as u64;
 
-/// Bytes of a pixel on the texture. Half as much again is there while photographs put theirs into bands, one by one.
+/// Bytes of a pixel on the texture. Half as much again is there while some photographs put theirs into the order of bands.
 const PIXEL: u64 = (size_of::<Sample>() * 3 / 2) as u64;
 
 /// The surface of an object in parts of what a photograph shows of it: twice the four (Cauchy) that it is of a convex one

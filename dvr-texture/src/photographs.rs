@@ -34,16 +34,18 @@ impl<'a> Photograph<'a> {
     #[inline]
     pub fn color(&self, pixel: Vec2) -> Option<Vec3> {
         let at = Bilinear::at_single(pixel, self.buffer.picture)?;
-        if let Some(mask) = self.view.training_mask()
-            && !at.pixels.iter().all(|&(u, v)| mask.is_object(u, v))
-        {
-            return None;
+        let (u, v) = at.pixels[0];
+        let width = self.buffer.picture.0 as usize;
+        let above = v as usize * width + u as usize;
+        let places = [above, above + 1, above + width, above + width + 1];
+        if let Some(mask) = self.view.training_mask() {
+            let coverage = mask.coverage.as_raw();
+            if !is_object(places.map(|place| coverage[place])) {
+                return None;
+            }
         }
-        let corners = at.pixels.map(|(u, v)| {
-            let [r, g, b] = self.view.image.get_pixel(u, v).0;
-            Vec3::new(f32::from(r), f32::from(g), f32::from(b))
-        });
-        let color = at.value(corners) / 255.0;
+        let colors = self.view.image.as_raw().as_chunks::<3>().0;
+        let color = at.value(places.map(|place| Vec3::from(colors[place].map(f32::from)))) / 255.0;
         Some(if self.is_exposed { self.exposure.corrected(color).clamp(Vec3::ZERO, Vec3::ONE) } else { color })
     }
 
@@ -72,6 +74,12 @@ impl<'a> Photograph<'a> {
     pub fn is_open(&self, sight: &Sight) -> bool {
         self.buffer.is_open(sight.pixel, sight.z_depth, sight.cosine)
     }
+}
+
+/// Whether pixels of these coverages show the object: at least half of each does.
+#[inline]
+fn is_object(coverages: [u8; 4]) -> bool {
+    coverages.into_iter().fold(u8::MAX, |common, coverage| common & coverage) >= 128
 }
 
 /// How a photograph would show a point, were nothing in between.

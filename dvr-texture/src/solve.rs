@@ -67,7 +67,37 @@ impl Sample {
 #[derive(Clone)]
 pub(crate) struct Samples {
     size: u32,
-    bands: Vec<Vec<Sample>>,
+    photographs: Vec<BandedSamples>,
+}
+
+/// The samples of a photograph, those of the first band first.
+#[derive(Clone)]
+struct BandedSamples {
+    samples: Vec<Sample>,
+    /// Where each band begins, and where the last one ends.
+    starts: Vec<usize>,
+}
+
+impl BandedSamples {
+    /// Orders samples of a texture of this size by band; in each they stay in their order.
+    fn new(samples: &[Sample], size: u32) -> Self {
+        let band = |sample: &Sample| (sample.texel / size / BAND) as usize;
+        let mut starts = vec![0; size.div_ceil(BAND) as usize + 1];
+        samples.iter().for_each(|sample| starts[band(sample) + 1] += 1);
+        (1..starts.len()).for_each(|i| starts[i] += starts[i - 1]);
+        let Some(&first) = samples.first() else { return Self { samples: Vec::new(), starts } };
+        let (mut ordered, mut next) = (vec![first; samples.len()], starts.clone());
+        for sample in samples {
+            let place = &mut next[band(sample)];
+            ordered[*place] = *sample;
+            *place += 1;
+        }
+        Self { samples: ordered, starts }
+    }
+
+    fn of_band(&self, band: usize) -> &[Sample] {
+        &self.samples[self.starts[band]..self.starts[band + 1]]
+    }
 }
 
 impl Samples {
@@ -81,20 +111,10 @@ impl Samples {
     ) -> Result<Self, Cancelled> {
         let of_view = |photograph: &Photograph| {
             cancellation.check()?;
-            let mut samples = samples_of(mesh, normals, atlas, photograph);
-            samples.shrink_to_fit();
-            Ok(samples)
+            Ok(BandedSamples::new(&samples_of(mesh, normals, atlas, photograph), atlas.size))
         };
-        let by_view: Vec<Vec<Sample>> = photographs.par_iter().map(of_view).collect::<Result<_, Cancelled>>()?;
-        let band = |sample: &Sample| (sample.texel / atlas.size / BAND) as usize;
-        let mut counts = vec![0; atlas.size.div_ceil(BAND) as usize];
-        by_view.iter().flatten().for_each(|sample| counts[band(sample)] += 1);
-        // Each photograph's samples are freed when they are in bands: no more than one is there twice.
-        let mut bands: Vec<Vec<Sample>> = counts.into_iter().map(Vec::with_capacity).collect();
-        for samples in by_view {
-            samples.into_iter().for_each(|sample| bands[band(&sample)].push(sample));
-        }
-        Ok(Self { size: atlas.size, bands })
+        let photographs = photographs.par_iter().map(of_view).collect::<Result<_, Cancelled>>()?;
+        Ok(Self { size: atlas.size, photographs })
     }
 
     /// Takes steps towards the least squares.
@@ -126,7 +146,7 @@ impl Samples {
                 rest = rest.get_mut(rows..).unwrap_or_default();
             }
             let mut band = parity;
-            while band < self.bands.len() {
+            while band < self.size.div_ceil(BAND) as usize {
                 let length = rest.len().min(2 * rows);
                 let (part, after) = rest.split_at_mut(length);
                 parts.push((band, part));
@@ -135,7 +155,7 @@ impl Samples {
             }
             parts.into_par_iter().for_each(|(band, part)| {
                 let first = band * rows;
-                for sample in &self.bands[band] {
+                for sample in self.photographs.iter().flat_map(|samples| samples.of_band(band)) {
                     let lack = sample.color() - sample.value(colors, self.size);
                     let (texels, weights) = sample.corners(self.size);
                     for (texel, weight) in texels.into_iter().zip(weights) {
@@ -183,7 +203,7 @@ fn smooth(moves: &mut [Vec4], size: usize) {
 
 fn samples_of(mesh: &Mesh, normals: &[Vec3], atlas: &Atlas, photograph: &Photograph) -> Vec<Sample> {
     let buffer = &photograph.buffer;
-    let mut samples = Vec::new();
+    let mut samples = Vec::with_capacity(buffer.seen_cells());
     for v in 0..buffer.height {
         for u in 0..buffer.width {
             let face = buffer.face(u, v);
@@ -224,22 +244,28 @@ mod tests {
     use super::*;
 
     /// Pixels on a texture of 80x80 texels whose colours are linear in the place.
-    fn samples() -> Samples {
-        let mut bands = vec![Vec::new(); 3];
-        for i in 0..20_000u32 {
+    fn pixels() -> Vec<Sample> {
+        let sample = |i: u32| {
             // Two irrational steps cover the square evenly.
             let place = Vec2::new((i as f32 * 0.618_034).fract(), (i as f32 * 0.754_878).fract()) * 78.0 + 0.5;
             let at = dvr_core::Bilinear::at_single(place, (80, 80)).unwrap();
             let (u, v) = at.pixels[0];
             let color = Vec3::new(place.x, place.y, 40.0) / 80.0;
-            bands[(v / BAND) as usize].push(Sample::new(v * 80 + u, at.fraction, color, 1.0));
-        }
-        Samples { size: 80, bands }
+            Sample::new(v * 80 + u, at.fraction, color, 1.0)
+        };
+        (0..20_000).map(sample).collect()
+    }
+
+    /// The same of three photographs, one of which shows nothing.
+    fn samples() -> Samples {
+        let all = pixels();
+        let photographs = [&all[..12_000], &[], &all[12_000..]];
+        Samples { size: 80, photographs: photographs.map(|samples| BandedSamples::new(samples, 80)).into() }
     }
 
     fn error(samples: &Samples, colors: &[Vec3]) -> f32 {
         let of = |sample: &Sample| sample.value(colors, 80).distance_squared(sample.color());
-        samples.bands.iter().flatten().map(of).sum()
+        samples.photographs.iter().flat_map(|banded| &banded.samples).map(of).sum()
     }
 
     #[test]
@@ -252,6 +278,20 @@ mod tests {
         samples.descend(&mut colors, 20, &Cancellation::default()).unwrap();
         let after = error(&samples, &colors);
         assert!(once < 0.3 * before && after < 1e-3 * before, "{before} {once} {after}");
+    }
+
+    #[test]
+    fn bands_have_their_pixels_in_the_order_of_the_photograph() {
+        let all = pixels();
+        let banded = BandedSamples::new(&all, 80);
+        for band in 0..3 {
+            let expected: Vec<&Sample> = all.iter().filter(|sample| sample.texel / 80 / BAND == band).collect();
+            let found = banded.of_band(band as usize);
+            let is_same = |(a, b): (&Sample, &&Sample)| a.texel == b.texel && a.fraction == b.fraction;
+            assert!(found.len() == expected.len() && found.iter().zip(&expected).all(is_same), "band {band}");
+            assert!(found.len() > 1000);
+        }
+        assert_eq!(banded.samples.len(), all.len());
     }
 
     #[test]

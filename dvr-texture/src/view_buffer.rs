@@ -12,7 +12,7 @@ pub(crate) const NOTHING: u32 = u32::MAX;
 
 /// Pixels by which what is in front of an edge is taken to be wider than it is: neither the surface nor the camera is
 /// known better, and its colours must not be found on what is behind.
-const FRONT_RIM: i64 = 1;
+const FRONT_RIM: usize = 1;
 
 /// Share of its depth that a point may lie behind what is seen in its pixel.
 const CLEARANCE: f32 = 2e-3;
@@ -40,7 +40,8 @@ pub(crate) struct ViewBuffer {
     pub stride: u32,
     pub width: u32,
     pub height: u32,
-    z_depth: Vec<f32>,
+    /// The least z-depth within [`FRONT_RIM`] cells.
+    front: Vec<f32>,
     face: Vec<u32>,
 }
 
@@ -60,7 +61,7 @@ impl ViewBuffer {
             stride,
             width,
             height,
-            z_depth: vec![f32::INFINITY; cells],
+            front: vec![f32::INFINITY; cells],
             face: vec![NOTHING; cells],
         };
         let scale = 1.0 / stride as f32;
@@ -73,7 +74,23 @@ impl ViewBuffer {
         for (face, indices) in mesh.faces.iter().enumerate() {
             buffer.draw_face(face as u32, indices.map(|i| corners[i as usize]));
         }
+        buffer.widen_front();
         buffer
+    }
+
+    /// From the z-depth of each cell to the least of those around it.
+    fn widen_front(&mut self) {
+        let width = self.width as usize;
+        if width == 0 {
+            return;
+        }
+        let rows: Vec<Vec<f32>> = self.front.chunks(width).map(least_around).collect();
+        for (v, row) in self.front.chunks_mut(width).enumerate() {
+            let around = &rows[v.saturating_sub(FRONT_RIM)..(v + FRONT_RIM + 1).min(rows.len())];
+            for (u, front) in row.iter_mut().enumerate() {
+                *front = around.iter().map(|row| row[u]).fold(f32::INFINITY, f32::min);
+            }
+        }
     }
 
     fn draw_face(&mut self, face: u32, [a, b, c]: [Vec3; 3]) {
@@ -106,8 +123,8 @@ impl ViewBuffer {
                 }
                 let z = (weights[0] * inverse[0] + weights[1] * inverse[1] + weights[2] * inverse[2]).recip();
                 let cell = v as usize * self.width as usize + u as usize;
-                if z > 0.0 && z < self.z_depth[cell] {
-                    self.z_depth[cell] = z;
+                if z > 0.0 && z < self.front[cell] {
+                    self.front[cell] = z;
                     self.face[cell] = face;
                 }
             }
@@ -119,6 +136,11 @@ impl ViewBuffer {
         self.face[v as usize * self.width as usize + u as usize]
     }
 
+    /// Cells in which a face is seen.
+    pub fn seen_cells(&self) -> usize {
+        self.face.iter().filter(|&&face| face != NOTHING).count()
+    }
+
     /// Pixel coordinates of the middle of a cell.
     pub fn pixel(&self, u: u32, v: u32) -> Vec2 {
         self.stride as f32 * Vec2::new(u as f32 + 0.5, v as f32 + 0.5)
@@ -128,20 +150,12 @@ impl ViewBuffer {
     /// nothing beside it within a pixel.
     pub fn is_open(&self, pixel: Vec2, z_depth: f32, cosine: f32) -> bool {
         let cell = pixel / self.stride as f32;
-        let (u, v) = (cell.x as i64, cell.y as i64);
         let tangent = ((1.0 - cosine * cosine).max(0.0).sqrt() / cosine).min(MAX_TANGENT);
         // What a slope changes within the cells that are looked at.
         let per_cell = self.stride as f32 * z_depth / self.camera.focal;
         let margin = CLEARANCE * z_depth + 2.5 * per_cell * tangent;
-        let (width, height) = (i64::from(self.width), i64::from(self.height));
-        for row in (v - FRONT_RIM).max(0)..=(v + FRONT_RIM).min(height - 1) {
-            for column in (u - FRONT_RIM).max(0)..=(u + FRONT_RIM).min(width - 1) {
-                if self.z_depth[(row * width + column) as usize] < z_depth - margin {
-                    return false;
-                }
-            }
-        }
-        true
+        let (u, v) = ((cell.x as u32).min(self.width - 1), (cell.y as u32).min(self.height - 1));
+        self.front[v as usize * self.width as usize + u as usize] >= z_depth - margin
     }
 
     /// Barycentric coordinates of the point at which the line of sight through a pixel meets the plane of a triangle.
@@ -156,6 +170,12 @@ impl ViewBuffer {
         let weights = over_z.map(|weight| (weight / sum).clamp(0.0, 1.0));
         weights.iter().all(|weight| weight.is_finite()).then_some(weights)
     }
+}
+
+/// The least number within [`FRONT_RIM`] places of each.
+fn least_around(row: &[f32]) -> Vec<f32> {
+    let around = |u: usize| &row[u.saturating_sub(FRONT_RIM)..(u + FRONT_RIM + 1).min(row.len())];
+    (0..row.len()).map(|u| around(u).iter().copied().fold(f32::INFINITY, f32::min)).collect()
 }
 
 #[cfg(test)]
