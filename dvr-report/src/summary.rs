@@ -8,6 +8,7 @@ use dvr_core::{Camera, Scene, View, Visibility};
 use dvr_render::MeshShader;
 use dvr_train::{CheckpointHeader, ObjectsMetrics, RealSize, RunFolder, RunMetrics, Summary, ViewSplit, view_metrics};
 use glam::DVec3;
+use rayon::prelude::*;
 use serde_json::{Value, json};
 
 use crate::coverage::Coverage;
@@ -178,10 +179,6 @@ impl RunSummary {
                 views: [split.train.len(), split.validation.len(), split.test.len()],
                 size: scene.views.first().map_or((0, 0), |view| view.image.dimensions()),
             });
-            self.region = region_pictures(split, budget)?;
-            if !mesh.is_empty() {
-                self.render_views(&textured, split, budget)?;
-            }
         }
         let up = scene.map_or(DVec3::Y, Scene::up);
         let cameras = split.as_ref().map_or(Value::Null, |split| {
@@ -189,15 +186,20 @@ impl RunSummary {
             let all = split.train.iter().map(|view| (view, false)).chain(others.map(|view| (view, true)));
             all.map(|(view, held_out)| frustum(&view.camera, held_out)).collect()
         });
-        let texture = texture_of(&textured);
-        self.texture = texture.map(|texture| page_texture(texture, budget.texels)).transpose()?;
-        let encoded = match texture {
-            Some(_) => {
-                let split = UvVertices::of(&textured);
-                encode(&split.mesh, &split.uvs, budget.faces)
-            }
-            None => encode(&textured.mesh, &[], budget.faces),
-        };
+        // What is drawn and what is packed do not wait for each other.
+        let textured = &textured;
+        let (drawn, packed) = rayon::join(
+            || split.as_ref().map(|split| DrawnViews::new(textured, split, budget)).transpose(),
+            || packed_mesh(textured, budget),
+        );
+        if let Some(DrawnViews { region, views, agreements }) = drawn? {
+            self.views_are_for_testing = !textured.mesh.is_empty() && split.is_some_and(|split| !split.test.is_empty());
+            self.region = region;
+            self.views = views;
+            self.diagnostics.warnings.extend(disagreeing_masks(&agreements));
+        }
+        let encoded;
+        (self.texture, encoded) = packed?;
         let to_object = to_export.inverse().to_matrix();
         self.mesh = encoded.map(|mesh| {
             let [low, high] = mesh.bounds.map(|corner| corner.to_array());
@@ -208,20 +210,6 @@ impl RunSummary {
             });
             (mesh, facts)
         });
-        Ok(())
-    }
-
-    /// Renders the mesh into test views, and compares it with the mask of every training view.
-    fn render_views(&mut self, mesh: &TexturedMesh, split: &ViewSplit, budget: Budget) -> Result<()> {
-        let shader = MeshShader::textured(mesh);
-        self.views_are_for_testing = !split.test.is_empty();
-        let shown: &[&View] = if split.test.is_empty() { &split.train } else { &split.test };
-        let count = budget.views.min(shown.len());
-        let chosen = (0..count).map(|i| shown[(2 * i + 1) * shown.len() / (2 * count)]);
-        self.views = chosen.map(|view| view_pictures(&shader, view, budget.width)).collect::<Result<_>>()?;
-        let of_view = |view: &&View| Some((view.name.clone(), view_metrics(&shader, &[view], MASK_PIXELS)?.mask_iou));
-        let agreements: Vec<(String, f64)> = split.train.iter().filter_map(of_view).collect();
-        self.diagnostics.warnings.extend(disagreeing_masks(&agreements));
         Ok(())
     }
 
@@ -242,11 +230,53 @@ impl RunSummary {
     }
 }
 
+/// What a scene's views show of a run.
+struct DrawnViews {
+    region: Vec<RegionPicture>,
+    views: Vec<ViewPictures>,
+    /// How well the mask of each training view agrees with the mesh, by the view's name.
+    agreements: Vec<(String, f64)>,
+}
+
+impl DrawnViews {
+    /// Renders the mesh into test views, and compares it with the mask of every training view; where there is one.
+    fn new(mesh: &TexturedMesh, split: &ViewSplit, budget: Budget) -> Result<Self> {
+        let region = region_pictures(split, budget)?;
+        if mesh.mesh.is_empty() {
+            return Ok(Self { region, views: Vec::new(), agreements: Vec::new() });
+        }
+        let shader = MeshShader::textured(mesh);
+        let shown: &[&View] = if split.test.is_empty() { &split.train } else { &split.test };
+        let count = budget.views.min(shown.len());
+        let chosen: Vec<&View> = (0..count).map(|i| shown[(2 * i + 1) * shown.len() / (2 * count)]).collect();
+        let views = chosen.par_iter().map(|view| view_pictures(&shader, view, budget.width)).collect::<Result<_>>()?;
+        let of_view = |view: &&View| Some((view.name.clone(), view_metrics(&shader, &[view], MASK_PIXELS)?.mask_iou));
+        let agreements = split.train.par_iter().filter_map(of_view).collect();
+        Ok(Self { region, views, agreements })
+    }
+}
+
+/// The texture of a mesh, if it has one, and the mesh, as the page has them.
+fn packed_mesh(textured: &TexturedMesh, budget: Budget) -> Result<(Option<String>, Option<EncodedMesh>)> {
+    let Some(texture) = texture_of(textured) else {
+        return Ok((None, encode(&textured.mesh, &[], budget.faces)));
+    };
+    let (texture, encoded) = rayon::join(
+        || page_texture(texture, budget.texels),
+        || {
+            let split = UvVertices::of(textured);
+            encode(&split.mesh, &split.uvs, budget.faces)
+        },
+    );
+    Ok((Some(texture?), encoded))
+}
+
 /// Some training views, evenly spread, with the unit cube.
 fn region_pictures(split: &ViewSplit, budget: Budget) -> Result<Vec<RegionPicture>> {
     let count = budget.views.min(split.train.len()).min(REGION_VIEWS);
     let chosen = (0..count).map(|i| split.train[(2 * i + 1) * split.train.len() / (2 * count)]);
-    chosen.map(|view| RegionPicture::of(view, &Bounds::UNIT_CUBE, budget.width * 2 / 3)).collect()
+    let chosen: Vec<&View> = chosen.collect();
+    chosen.par_iter().map(|view| RegionPicture::of(view, &Bounds::UNIT_CUBE, budget.width * 2 / 3)).collect()
 }
 
 /// Most training views that are shown with the region.

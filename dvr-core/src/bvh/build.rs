@@ -8,6 +8,8 @@ use super::node::Node;
 const LEAF_SIZE: usize = 4;
 /// Candidate planes of a split are the borders between this many bins.
 const BINS: usize = 16;
+/// Triangles up to which one thread builds a part of the tree.
+const ALONE: usize = 1 << 13;
 /// Below this depth nodes are halved by count, so that no input makes the tree deeper than the traversal's stack.
 pub(super) const MAX_SAH_DEPTH: usize = 32;
 
@@ -27,36 +29,65 @@ impl Primitive {
     }
 }
 
-/// The tree so far: its nodes, and the faces in the order of its leaves.
-pub(super) struct Builder {
-    pub(super) nodes: Vec<Node>,
-    pub(super) primitives: Vec<Primitive>,
+/// A tree whose root comes first; the children of an inner node lie side by side, and leaves name their primitives by place.
+pub(super) fn build(primitives: &mut [Primitive]) -> Vec<Node> {
+    let mut builder = Builder { nodes: Vec::with_capacity(primitives.len().max(1)), second: Vec::new() };
+    builder.nodes.push(Node { low: Vec3::INFINITY, high: Vec3::NEG_INFINITY, first: 0, count: 0 });
+    builder.build(0, primitives, 0, 0);
+    builder.nodes
+}
+
+/// The tree so far.
+struct Builder {
+    nodes: Vec<Node>,
     /// The second half of a split while the first is brought together.
-    pub(super) second: Vec<Primitive>,
+    second: Vec<Primitive>,
 }
 
 impl Builder {
-    /// Makes `node` hold the primitives `first..end`, and splits them while that pays.
-    pub(super) fn build(&mut self, node: usize, first: usize, end: usize, depth: usize) {
-        let primitives = &self.primitives[first..end];
+    /// Makes `node` hold these primitives, the first of which is that of number `first`, and splits them while that pays.
+    fn build(&mut self, node: usize, primitives: &mut [Primitive], first: usize, depth: usize) {
         let low = primitives.iter().fold(Vec3::INFINITY, |low, p| low.min(p.low));
         let high = primitives.iter().fold(Vec3::NEG_INFINITY, |high, p| high.max(p.high));
-        self.nodes[node] = Node { low, high, first: first as u32, count: (end - first) as u32 };
-        if end - first <= LEAF_SIZE {
+        self.nodes[node] = Node { low, high, first: first as u32, count: primitives.len() as u32 };
+        if primitives.len() <= LEAF_SIZE {
             return;
         }
-        let middle = first + self.split(first, end, depth);
+        let half = self.split(primitives, depth);
         let child = self.nodes.len();
         self.nodes.extend([self.nodes[node]; 2]);
         self.nodes[node].first = child as u32;
         self.nodes[node].count = 0;
-        self.build(child, first, middle, depth + 1);
-        self.build(child + 1, middle, end, depth + 1);
+        let is_large = primitives.len() > ALONE;
+        let (left, right) = primitives.split_at_mut(half);
+        if is_large {
+            // Each half in a tree of its own, as it would be here.
+            let apart = |primitives: &mut [Primitive], first: usize| {
+                let mut part = Self { nodes: vec![self.nodes[node]], second: Vec::new() };
+                part.build(0, primitives, first, depth + 1);
+                part.nodes
+            };
+            let (left, right) = rayon::join(|| apart(left, first), || apart(right, first + half));
+            self.graft(child, &left);
+            self.graft(child + 1, &right);
+        } else {
+            self.build(child, left, first, depth + 1);
+            self.build(child + 1, right, first + half, depth + 1);
+        }
+    }
+
+    /// Puts the root of a tree in the place of a node, and the others behind all nodes.
+    fn graft(&mut self, node: usize, tree: &[Node]) {
+        // The root is at place 0 there, the next node at 1.
+        let shift = (self.nodes.len() - 1) as u32;
+        let moved =
+            |node: &Node| Node { first: if node.count == 0 { node.first + shift } else { node.first }, ..*node };
+        self.nodes[node] = moved(&tree[0]);
+        self.nodes.extend(tree[1..].iter().map(moved));
     }
 
     /// Orders the primitives so that the two halves are apart, and says how many the first has; never none or all.
-    fn split(&mut self, first: usize, end: usize, depth: usize) -> usize {
-        let primitives = &mut self.primitives[first..end];
+    fn split(&mut self, primitives: &mut [Primitive], depth: usize) -> usize {
         let low = primitives.iter().fold(Vec3::INFINITY, |low, p| low.min(p.center));
         let high = primitives.iter().fold(Vec3::NEG_INFINITY, |high, p| high.max(p.center));
         let plane = if depth < MAX_SAH_DEPTH { best_plane(primitives, low, high) } else { None };

@@ -36,6 +36,36 @@ fn the_tree_finds_what_a_search_of_all_triangles_finds() {
 }
 
 #[test]
+fn the_parts_of_a_tree_that_threads_build_apart_are_one_tree() {
+    // More faces than one thread builds.
+    let mesh = shapes::icosphere(6, 0.5);
+    let bvh = Bvh::new(&mesh);
+    let mut is_in_leaf = vec![false; mesh.faces.len()];
+    let mut nodes = 1;
+    let mut left = vec![0];
+    while let Some(node) = left.pop() {
+        let node = bvh.nodes[node];
+        let places = node.first as usize..(node.first + node.count) as usize;
+        if places.is_empty() {
+            left.extend([node.first as usize, node.first as usize + 1]);
+            nodes += 2;
+        }
+        for place in places {
+            let corners = bvh.triangles[place];
+            assert!(corners.iter().all(|corner| corner.cmpge(node.low).all() && corner.cmple(node.high).all()));
+            assert_eq!(corners, mesh.triangle(bvh.faces[place] as usize));
+            assert!(!std::mem::replace(&mut is_in_leaf[bvh.faces[place] as usize], true), "a face twice");
+        }
+    }
+    assert!(is_in_leaf.into_iter().all(|is_in_leaf| is_in_leaf) && nodes == bvh.nodes.len());
+    let mut rng = ChaCha8Rng::seed_from_u64(4);
+    for _ in 0..30 {
+        let ray = Ray { origin: 2.0 * random_vector(&mut rng).normalize(), direction: random_vector(&mut rng) };
+        assert_eq!(bvh.closest_hit(&ray, 0.0, f64::INFINITY), closest_by_search(&mesh, &ray));
+    }
+}
+
+#[test]
 fn the_hit_lies_on_the_triangle_and_on_the_ray() {
     let mesh = shapes::icosphere(3, 0.5);
     let bvh = Bvh::new(&mesh);

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use super::build::{Builder, Primitive};
+use super::build::{Primitive, build};
 use super::node::{Node, Slabs};
 use super::triangle::{RayHit, Shear};
 use crate::mesh::Mesh;
@@ -28,17 +28,12 @@ impl Bvh {
     /// # Panics
     /// When a face names a vertex that is not there; meshes that were read from files never do.
     pub fn new(mesh: &Mesh) -> Self {
-        let mut builder = Builder {
-            nodes: Vec::with_capacity(mesh.faces.len().max(1)),
-            primitives: (0..mesh.faces.len()).map(|face| Primitive::new(face as u32, mesh.triangle(face))).collect(),
-            second: Vec::new(),
-        };
-        let count = builder.primitives.len();
-        builder.nodes.push(Node { low: Vec3::INFINITY, high: Vec3::NEG_INFINITY, first: 0, count: 0 });
-        builder.build(0, 0, count, 0);
-        let faces: Vec<u32> = builder.primitives.iter().map(|p| p.face).collect();
+        let primitive = |face: usize| Primitive::new(face as u32, mesh.triangle(face));
+        let mut primitives: Vec<Primitive> = (0..mesh.faces.len()).map(primitive).collect();
+        let nodes = build(&mut primitives);
+        let faces: Vec<u32> = primitives.iter().map(|p| p.face).collect();
         let triangles = faces.iter().map(|&face| mesh.triangle(face as usize)).collect();
-        Self { nodes: builder.nodes, triangles, faces }
+        Self { nodes, triangles, faces }
     }
 
     /// The first hit with `ray_depth` in `[min_depth, max_depth]`; from both sides of the faces.

@@ -1,5 +1,6 @@
 //! What a run gives its user: mesh, preview sheet, figures.
 
+use std::path::PathBuf;
 use std::time::Instant;
 
 use dvr_core::mesh::{Mesh, MeshStyle, TexturedMesh};
@@ -186,12 +187,19 @@ impl RunResults {
     /// # Errors
     /// When a file cannot be written.
     pub fn save(&self, folder: &RunFolder) -> Result<()> {
-        if let Some(mesh) = &self.mesh {
-            for path in [folder.mesh_ply(), folder.mesh_glb()] {
-                write_run_mesh(&path, mesh, self.textured.as_ref(), self.style)?;
-            }
-        }
-        store_pictures(self.pictures.as_ref(), &self.object_to_mesh, folder)?;
+        let written = |path: PathBuf| {
+            let mesh = self.mesh.as_ref();
+            mesh.map_or(Ok(()), |mesh| write_run_mesh(&path, mesh, self.textured.as_ref(), self.style))
+        };
+        // Pictures name the GLB by its digest.
+        let (plain, textured) = rayon::join(
+            || written(folder.mesh_ply()),
+            || {
+                written(folder.mesh_glb())?;
+                store_pictures(self.pictures.as_ref(), &self.object_to_mesh, folder)
+            },
+        );
+        plain.and(textured)?;
         dvr_core::files::write_rgb_png(&folder.preview(), &self.preview)?;
         let json = serde_json::to_string_pretty(&self.metrics);
         let json = json.map_err(|e| Error::NotStored { problem: e.to_string() })?;
