@@ -122,17 +122,20 @@ pub(crate) trait SurfaceCells {
     /// The values at the nodes.
     type Values: ?Sized;
 
+    /// A block of [`BLOCK`] cells along an edge, some of which the surface may pass through, or are inside.
+    type Block: Copy;
+
     /// The grid.
     fn grid(&self) -> &VoxelGrid;
 
     /// A box of cells around those that may hold surface: first, and one past the last.
     fn range(&self) -> [[usize; 3]; 2];
 
-    /// Whether the surface may pass through a cell, or it is inside.
-    fn is_marked(&self, cell: [usize; 3]) -> bool;
+    /// A block, by its coordinates; `None` where the surface passes through none of its cells, and none is inside.
+    fn block(&self, at: [usize; 3]) -> Option<Self::Block>;
 
-    /// Whether the surface passes through no cell of the block of [`BLOCK`] cells along an edge that a cell lies in.
-    fn is_block_empty(&self, cell: [usize; 3]) -> bool;
+    /// Whether the surface may pass through a cell of a block, or it is inside.
+    fn is_marked(&self, block: Self::Block, cell: [usize; 3]) -> bool;
 
     /// The values at a cell's corners, x fastest.
     fn corners(&self, values: &Self::Values, cell: [usize; 3]) -> [f32; 8];
@@ -143,6 +146,7 @@ pub(crate) const BLOCK: usize = 8;
 
 impl SurfaceCells for OccupancyBitmask {
     type Values = [f32];
+    type Block = ();
 
     fn grid(&self) -> &VoxelGrid {
         &self.grid
@@ -153,15 +157,14 @@ impl SurfaceCells for OccupancyBitmask {
     }
 
     #[inline]
-    fn is_marked(&self, cell: [usize; 3]) -> bool {
-        self.is_marked(cell)
+    fn block(&self, [x, y, z]: [usize; 3]) -> Option<()> {
+        let edge = self.grid.cells().div_ceil(BLOCK);
+        self.blocks[(z * edge + y) * edge + x].then_some(())
     }
 
     #[inline]
-    fn is_block_empty(&self, cell: [usize; 3]) -> bool {
-        let edge = self.grid.cells().div_ceil(BLOCK);
-        let [x, y, z] = cell.map(|c| c / BLOCK);
-        !self.blocks[(z * edge + y) * edge + x]
+    fn is_marked(&self, (): (), cell: [usize; 3]) -> bool {
+        self.is_marked(cell)
     }
 
     #[inline]
@@ -189,18 +192,22 @@ pub(crate) fn first_crossing<S: SurfaceCells>(
     }
     let mut walk = VoxelTraversal::within(grid, cells.range(), origin, direction, from, to)?;
     let (grid_origin, grid_direction) = (grid.to_grid(origin), direction / grid.spacing());
-    let mut block = [usize::MAX; 3];
+    let mut before = None;
     while let Some(cell) = walk.cell() {
-        let next = cell.map(|c| c / BLOCK);
-        if next != block {
-            if cells.is_block_empty(cell) {
-                walk.leave_block(BLOCK);
-                continue;
-            }
-            block = next;
-        }
+        let at = cell.map(|c| c / BLOCK);
+        let block = match before {
+            Some((before, block)) if before == at => block,
+            _ => match cells.block(at) {
+                Some(block) => block,
+                None => {
+                    walk.skip_blocks::<BLOCK>(|at| cells.block(at).is_none());
+                    continue;
+                }
+            },
+        };
+        before = Some((at, block));
         let Some(segment) = walk.next() else { break };
-        if !cells.is_marked(cell) {
+        if !cells.is_marked(block, cell) {
             continue;
         }
         let [x, y, z] = cell;

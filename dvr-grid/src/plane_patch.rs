@@ -1,6 +1,6 @@
 //! Patches of a photograph on a plane, compared with what other photographs show there.
 
-use glam::Vec3;
+use glam::{Vec3, Vec4};
 use pulp::{Arch, NullaryFnOnce};
 
 use crate::views::TrainingView;
@@ -164,13 +164,12 @@ impl NullaryFnOnce for Compare<'_> {
 
 impl Centered {
     /// Of samples; what lies beyond them does not count.
-    #[allow(clippy::needless_range_loop, reason = "loops over lanes are compiled to vectors")]
     #[inline(always)]
     fn new(mut values: Lanes) -> Self {
         values[SAMPLES..].fill(0.0);
         let mean = sum(&values) / SAMPLES as f32;
-        for i in 0..LANES {
-            values[i] -= mean;
+        for values in values.as_chunks_mut().0 {
+            *values = (Vec4::from_array(*values) - mean).to_array();
         }
         values[SAMPLES..].fill(0.0);
         Self { variance: mean_product(&values, &values), values, mean }
@@ -180,14 +179,20 @@ impl Centered {
 /// The mean product of samples, of which one is zero beyond them.
 #[inline(always)]
 fn mean_product(a: &Lanes, b: &Lanes) -> f32 {
-    sum(&std::array::from_fn(|i| a[i] * b[i])) / SAMPLES as f32
+    let fours = |values: &Lanes, i: usize| Vec4::from_slice(&values[4 * i..]);
+    sum_of_fours(|i| fours(a, i) * fours(b, i)) / SAMPLES as f32
 }
 
-/// The sum over lanes, in an order that is that of vectors of eight on every machine.
 #[inline(always)]
 fn sum(values: &Lanes) -> f32 {
-    let eighths: [f32; 8] = std::array::from_fn(|i| (values[i] + values[i + 8]) + (values[i + 16] + values[i + 24]));
-    let [a, b, c, d]: [f32; 4] = std::array::from_fn(|i| eighths[i] + eighths[i + 4]);
+    sum_of_fours(|i| Vec4::from_slice(&values[4 * i..]))
+}
+
+/// The sum over lanes, of which four are given at a time, in an order that is that of vectors of eight.
+#[inline(always)]
+fn sum_of_fours(fours: impl Fn(usize) -> Vec4) -> f32 {
+    let half = |i: usize| (fours(i) + fours(i + 2)) + (fours(i + 4) + fours(i + 6));
+    let [a, b, c, d] = (half(0) + half(1)).to_array();
     (a + c) + (b + d)
 }
 

@@ -258,26 +258,31 @@ impl<'a> TrainingView<'a> {
         }
         let mut at = [0u32; N];
         for i in 0..N {
-            // Not negative: cut off is rounded down.
-            let (u, v) = (s[i] as i32, t[i] as i32);
-            at[i] = v as u32 * self.width + u as u32;
-            (s[i], t[i]) = (s[i] - u as f32, t[i] - v as f32);
+            let ([left, u], [above, v]) = (rounded_down(s[i]), rounded_down(t[i]));
+            at[i] = v.to_bits() * self.width + u.to_bits();
+            (s[i], t[i]) = (s[i] - left, t[i] - above);
         }
-        let (mut corners, mut shown) = ([[0.0; N]; 4], u8::MAX);
+        let (mut corners, mut shown) = ([[0u32; N]; 4], u8::MAX);
         for i in 0..SAMPLES {
             let top = at[i] as usize;
-            let places = [top, top + 1, top + pixels.width, top + pixels.width + 1];
-            for corner in 0..4 {
-                corners[corner][i] = pixels.brightness(places[corner]);
-                shown &= pixels.coverage[places[corner]];
-            }
+            [corners[0][i], corners[1][i]] = pixels.side_by_side(top);
+            [corners[2][i], corners[3][i]] = pixels.side_by_side(top + pixels.width);
+            shown &= pixels.common_coverage(top);
         }
         if !ObjectPixels::are_object(shown) {
             return None;
         }
+        let mut brightness = [[0.0; N]; 4];
+        for (corners, brightness) in corners.iter().zip(&mut brightness) {
+            for i in 0..N {
+                let [red, green, blue] =
+                    [corners[i], corners[i] >> 8, corners[i] >> 16].map(|level| (level & 0xff) as f32);
+                brightness[i] = pixels.brightness_of([red, green, blue]);
+            }
+        }
         let (mut values, mut derivatives) = ([0.0; N], [0.0; N]);
         for i in 0..N {
-            let [a, b, c, d] = [0, 1, 2, 3].map(|corner: usize| corners[corner][i]);
+            let [a, b, c, d] = [0, 1, 2, 3].map(|corner: usize| brightness[corner][i]);
             let (top, bottom) = (a + (b - a) * s[i], c + (d - c) * s[i]);
             values[i] = top + (bottom - top) * t[i];
             let by_u = (b - a) + ((d - c) - (b - a)) * t[i];
@@ -317,15 +322,29 @@ impl<'a> TrainingView<'a> {
             return None;
         }
         let at = Bilinear::at_single(pixel, (self.width, self.height))?;
-        if !at.pixels.iter().all(|&(u, v)| self.is_object(u, v)) {
+        let (u, v) = at.pixels[0];
+        let top = (v * self.width + u) as usize;
+        if !ObjectPixels::are_object(ObjectPixels::of(self)?.common_coverage(top)) {
             return None;
         }
-        let colors = at.pixels.map(|(u, v)| self.color((v * self.width + u) as usize));
+        let width = self.width as usize;
+        let colors = [top, top + 1, top + width, top + width + 1].map(|index| self.color(index));
         let [by_x, by_y] = at.derivatives(colors);
         let moved = self.camera.projection * direction;
         let flow = (Vec2::new(moved.x, moved.y) - pixel * moved.z) / z;
         Some(Reprojection { color: at.value(colors), derivative: by_x * flow.x + by_y * flow.y })
     }
+}
+
+/// A number that is not negative and less than 2^22, rounded down, and the same as an integer in its bits: a conversion that
+/// is right for all numbers is not compiled to vectors.
+#[inline(always)]
+fn rounded_down(value: f32) -> [f32; 2] {
+    /// Numbers from here on to twice this are whole, and count in their lowest bits.
+    const WHOLE: f32 = (1u32 << 23) as f32;
+    let nearest = (value + WHOLE) - WHOLE;
+    let down = nearest - if nearest > value { 1.0 } else { 0.0 };
+    [down, f32::from_bits((down + WHOLE).to_bits() & ((1 << 23) - 1))]
 }
 
 /// The pixels of a view for inner loops.
@@ -354,8 +373,42 @@ impl<'a> ObjectPixels<'a> {
     /// Of a pixel, by its index.
     #[inline(always)]
     fn brightness(&self, index: usize) -> f32 {
-        let [red, green, blue] = self.colors[index].map(f32::from);
+        self.brightness_of(self.colors[index].map(f32::from))
+    }
+
+    /// Of the levels of the channels.
+    #[inline(always)]
+    fn brightness_of(&self, [red, green, blue]: [f32; 3]) -> f32 {
         self.factors.x * red + self.factors.y * green + self.factors.z * blue + self.offset
+    }
+
+    /// The colours of a pixel and the next one, red in the lowest byte.
+    #[inline(always)]
+    fn side_by_side(&self, index: usize) -> [u32; 2] {
+        let bytes = self.colors.as_flattened();
+        // Both at once, with two bytes more: before them where the photograph ends.
+        let from = (3 * index).min(bytes.len().saturating_sub(8));
+        match bytes[from..].first_chunk() {
+            Some(word) => {
+                let word = u64::from_le_bytes(*word) >> (8 * (3 * index - from));
+                [word as u32 & 0xff_ffff, (word >> 24) as u32 & 0xff_ffff]
+            }
+            // Fewer than three pixels.
+            None => [index, index + 1].map(|index| {
+                let [red, green, blue] = self.colors[index];
+                u32::from_le_bytes([red, green, blue, 0])
+            }),
+        }
+    }
+
+    /// The bits that the coverages of four pixels have in common: one, the next, and those below.
+    #[inline(always)]
+    fn common_coverage(&self, index: usize) -> u8 {
+        let row = |at: usize| {
+            let pair = &self.coverage[at..at + 2];
+            pair[0] & pair[1]
+        };
+        row(index) & row(index + self.width)
     }
 
     /// Whether pixels show the object whose coverages have these bits in common: half of each at least.

@@ -100,32 +100,51 @@ impl VoxelTraversal {
         (!self.done).then(|| self.cell.map(|c| c as usize))
     }
 
-    /// Goes on behind the block of cells that the next cell lies in. Blocks have so many cells along an edge, and the first
-    /// begins where the grid does.
-    pub fn leave_block(&mut self, edge: usize) {
-        let edge = edge as i32;
-        let first = self.cell.map(|c| c - c % edge);
-        let behind = [0, 1, 2].map(|axis| first[axis] + if self.step[axis] > 0 { edge } else { 0 });
-        let [x, y, z] = [0, 1, 2].map(|axis| self.depth_of_plane(axis, behind[axis]));
-        let axis = nearest(x, y, z);
-        let leave = [x, y, z][axis].max(self.depth);
-        let at = (self.origin + leave * self.direction + self.half_extent) / self.size;
+    /// Goes on behind the block of cells that the next cell lies in, and behind all that follow while `is_empty` says so of
+    /// a block's coordinates. Blocks have `EDGE` cells along an edge, and the first begins where the grid does.
+    #[inline]
+    pub fn skip_blocks<const EDGE: usize>(&mut self, is_empty: impl Fn([usize; 3]) -> bool) {
+        let edge = EDGE as i32;
+        // Cells are not negative: a remainder of bits.
+        let mut first = self.cell.map(|c| c - (c as u32 % EDGE as u32) as i32);
+        let behind = |walk: &Self, axis: usize, first: i32| {
+            walk.depth_of_plane(axis, first + if walk.step[axis] > 0 { edge } else { 0 })
+        };
+        let mut next = [0, 1, 2].map(|axis| behind(self, axis, first[axis]));
+        let axis = loop {
+            let axis = nearest(next[0], next[1], next[2]);
+            self.depth = next[axis].max(self.depth);
+            first[axis] += self.step[axis] * edge;
+            // The first cell of the next block.
+            let cell = if self.step[axis] > 0 { first[axis] } else { first[axis] + edge - 1 };
+            self.cell[axis] = cell;
+            self.done = self.depth >= self.end || cell < self.low[axis] || cell >= self.high[axis];
+            if self.done {
+                return;
+            }
+            if !is_empty(first.map(|first| first as usize / EDGE)) {
+                break axis;
+            }
+            next[axis] = behind(self, axis, first[axis]);
+        };
+        let at = (self.origin + self.depth * self.direction + self.half_extent) / self.size;
         for other in 0..3 {
-            let [low, high] = [first[other].max(self.low[other]), (first[other] + edge).min(self.high[other]) - 1];
-            self.cell[other] = (at[other].floor() as i32).clamp(low, high);
+            if other != axis {
+                let [low, high] = [first[other].max(self.low[other]), (first[other] + edge).min(self.high[other]) - 1];
+                self.cell[other] = (at[other].floor() as i32).clamp(low, high);
+            }
         }
-        self.cell[axis] = behind[axis] - i32::from(self.step[axis] < 0);
         self.next = Vec3::from([0, 1, 2].map(|axis| self.next_plane(axis)));
-        self.depth = leave;
-        self.done = leave >= self.end || self.cell[axis] < self.low[axis] || self.cell[axis] >= self.high[axis];
     }
 
     /// Ray depth at which the ray leaves its cell along an axis.
+    #[inline]
     fn next_plane(&self, axis: usize) -> f32 {
         self.depth_of_plane(axis, self.cell[axis] + i32::from(self.step[axis] > 0))
     }
 
     /// Ray depth of the plane before a cell; never for a ray along it.
+    #[inline]
     fn depth_of_plane(&self, axis: usize, cell: i32) -> f32 {
         if self.direction[axis] == 0.0 {
             return f32::INFINITY;
@@ -212,17 +231,30 @@ mod tests {
             let (Some(all), Some(mut walk)) = (walk(), walk()) else { continue };
             let all: Vec<Segment> = all.collect();
             let block = |cell: [usize; 3]| cell.map(|c| c / 4);
-            let is_empty = |cell: [usize; 3]| block(cell).iter().sum::<usize>() % 2 == 1;
+            // Some beside each other.
+            let is_skipped = |block: [usize; 3]| block.iter().sum::<usize>() % 3 > 0;
+            let is_empty = |cell: [usize; 3]| is_skipped(block(cell));
             let mut kept = Vec::new();
+            let mut alone = walk.clone();
             while let Some(cell) = walk.cell() {
                 if is_empty(cell) {
-                    walk.leave_block(4);
-                    left += 1;
-                    assert!(walk.cell().is_none_or(|next| block(next) != block(cell)), "{cell:?}");
+                    walk.skip_blocks::<4>(is_skipped);
+                    assert!(walk.cell().is_none_or(|next| !is_empty(next)), "{cell:?}");
                 } else {
                     kept.extend(walk.next());
                 }
             }
+            // Block by block it is the same, bit for bit.
+            let mut one_by_one = Vec::new();
+            while let Some(cell) = alone.cell() {
+                if is_empty(cell) {
+                    alone.skip_blocks::<4>(|_| false);
+                    left += 1;
+                } else {
+                    one_by_one.extend(alone.next());
+                }
+            }
+            assert_eq!(kept, one_by_one, "ray {ray}");
             // Cells that are only just touched may be missed or found, since depths are rounded otherwise.
             let long = |segment: &&Segment| segment.leave - segment.enter > 1e-5;
             let cells = |segments: &[Segment]| segments.iter().filter(long).map(|s| s.cell).collect::<Vec<_>>();

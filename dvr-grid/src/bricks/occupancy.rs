@@ -20,6 +20,10 @@ const LOWER: u64 = 0x7f7f_7f7f_7f7f_7f7f;
 /// Cells from the first up to but without the last.
 type CellBox = [[usize; 3]; 2];
 
+/// Bricks without a marked cell, and those of which nothing is stored that lie inside.
+const EMPTY: u32 = u32::MAX;
+const FULL: u32 = u32::MAX - 1;
+
 const NOTHING: CellBox = [[usize::MAX; 3], [0; 3]];
 
 /// A bit for every cell of a grid whether one of its corners is not negative, as [`crate::OccupancyBitmask`] has: where
@@ -31,6 +35,8 @@ pub(crate) struct BrickOccupancy {
     inside: Vec<Bits>,
     /// Cells.
     marked: Vec<Bits>,
+    /// Of each brick of the grid, which one it is of those of which something is stored; or one of the codes below.
+    blocks: Vec<u32>,
     /// The smallest box around the cells of bricks that are not stored and lie inside.
     of_others: CellBox,
     /// The smallest box around all marked cells.
@@ -44,12 +50,13 @@ impl BrickOccupancy {
         let inside = layout.bricks().par_iter().map(|brick| inside(&layout, brick, values)).collect();
         let edge = layout.edge();
         let others = (0..edge.pow(3)).map(|index| [index % edge, index / edge % edge, index / (edge * edge)]);
+        let blocks = others.clone().map(|at| if layout.brick(at) == Err(true) { FULL } else { EMPTY }).collect();
         let of_others = others
             .filter(|&at| layout.brick(at) == Err(true))
             .map(|at| clipped(layout.grid(), [at.map(|at| at * EDGE), at.map(|at| (at + 1) * EDGE)]))
             .fold(NOTHING, around);
         let marked = vec![[0; EDGE]; layout.bricks().len()];
-        let mut occupancy = Self { layout, inside, marked, of_others, range: NOTHING };
+        let mut occupancy = Self { layout, inside, marked, blocks, of_others, range: NOTHING };
         occupancy.mark();
         occupancy
     }
@@ -106,12 +113,19 @@ impl BrickOccupancy {
             box_of(layout.grid(), brick, marked)
         });
         let range = around(boxes.reduce(|| NOTHING, around), self.of_others);
+        let edge = self.layout.edge();
+        for (index, (brick, marked)) in self.layout.bricks().iter().zip(&self.marked).enumerate() {
+            let [x, y, z] = brick.at;
+            let is_empty = marked.iter().fold(0, |all, bits| all | bits) == 0;
+            self.blocks[(z * edge + y) * edge + x] = if is_empty { EMPTY } else { index as u32 };
+        }
         self.range = if range[1] == [0; 3] { [[0; 3]; 2] } else { range };
     }
 }
 
 impl SurfaceCells for BrickOccupancy {
     type Values = BrickValues<1>;
+    type Block = u32;
 
     fn grid(&self) -> &VoxelGrid {
         self.layout.grid()
@@ -122,20 +136,16 @@ impl SurfaceCells for BrickOccupancy {
     }
 
     #[inline]
-    fn is_marked(&self, [x, y, z]: [usize; 3]) -> bool {
-        match self.layout.brick([x / EDGE, y / EDGE, z / EDGE]) {
-            Ok(brick) => self.marked[brick][z % EDGE] >> (y % EDGE * EDGE + x % EDGE) & 1 == 1,
-            Err(is_inside) => is_inside,
-        }
+    fn block(&self, [x, y, z]: [usize; 3]) -> Option<u32> {
+        const { assert!(BLOCK == EDGE, "a block is a brick") };
+        let edge = self.layout.edge();
+        let block = self.blocks[(z * edge + y) * edge + x];
+        (block != EMPTY).then_some(block)
     }
 
     #[inline]
-    fn is_block_empty(&self, cell: [usize; 3]) -> bool {
-        const { assert!(BLOCK == EDGE, "a block is a brick") };
-        match self.layout.brick(cell.map(|c| c / EDGE)) {
-            Ok(brick) => self.marked[brick].iter().fold(0, |all, bits| all | bits) == 0,
-            Err(is_inside) => !is_inside,
-        }
+    fn is_marked(&self, block: u32, [x, y, z]: [usize; 3]) -> bool {
+        block == FULL || self.marked[block as usize][z % EDGE] >> (y % EDGE * EDGE + x % EDGE) & 1 == 1
     }
 
     #[inline]
@@ -269,7 +279,10 @@ mod tests {
         let reference = OccupancyBitmask::new(grid, &dense);
         for cell in 0..grid.cells().pow(3) {
             let at = [cell % grid.cells(), cell / grid.cells() % grid.cells(), cell / grid.cells().pow(2)];
-            assert_eq!(occupancy.is_marked(at), reference.is_marked(at), "{at:?}");
+            let found = occupancy
+                .block(at.map(|at| at / EDGE))
+                .is_some_and(|block| SurfaceCells::is_marked(occupancy, block, at));
+            assert_eq!(found, reference.is_marked(at), "{at:?}");
         }
         assert_eq!(occupancy.range(), SurfaceCells::range(&reference));
         let mut random = || Vec3::new(rng.random(), rng.random(), rng.random()) * 2.0 - 1.0;

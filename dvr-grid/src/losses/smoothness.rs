@@ -6,6 +6,7 @@
 
 use std::ops::RangeInclusive;
 
+use glam::Vec4;
 use pulp::{Arch, NullaryFnOnce};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -93,32 +94,32 @@ struct Limits {
     spacing: f32,
 }
 
+/// A number of each node of a row, in vectors of four.
+type Halves = [Vec4; 2];
+
+#[inline(always)]
+fn halves(row: &Row<1>) -> Halves {
+    [four(row, 0), four(row, 4)]
+}
+
+/// Four numbers of a row side by side.
+#[inline(always)]
+fn four(row: &Row<1>, first: usize) -> Vec4 {
+    Vec4::new(row[first][0], row[first + 1][0], row[first + 2][0], row[first + 3][0])
+}
+
 /// How much larger the means of the neighbours of a row's nodes are; `neighbours` are the rows along x, y and z, and
 /// those beyond the last one are the last one.
-#[allow(clippy::needless_range_loop, reason = "loops over lanes are compiled to vectors")]
 #[inline(always)]
-fn excess(rows: &[Row<1>], slot: usize, neighbours: &[u32; 6]) -> [f32; EDGE] {
+fn excess(rows: &[Row<1>], slot: usize, neighbours: &[u32; 6]) -> Halves {
     let last = rows.len() - 1;
-    let row = |index: usize| rows[last.min(neighbours[index] as usize)].as_flattened();
-    let own = rows[slot].as_flattened();
-    let mut along = [0.0; EDGE + 2];
-    along[0] = row(0)[EDGE - 1];
-    along[1..=EDGE].copy_from_slice(own);
-    along[EDGE + 1] = row(1)[0];
-    let mut sum = [0.0; EDGE];
-    for i in 0..EDGE {
-        sum[i] = along[i] + along[i + 2];
-    }
-    for index in 2..6 {
-        let row = row(index);
-        for i in 0..EDGE {
-            sum[i] += row[i];
-        }
-    }
-    for i in 0..EDGE {
-        sum[i] = sum[i] / 6.0 - own[i];
-    }
-    sum
+    let row = |index: usize| &rows[last.min(neighbours[index] as usize)];
+    let own = &rows[slot];
+    let ([before], [behind]) = (row(0)[EDGE - 1], row(1)[0]);
+    let low = Vec4::new(before, own[0][0], own[1][0], own[2][0]) + four(own, 1);
+    let high = four(own, 3) + Vec4::new(own[5][0], own[6][0], own[7][0], behind);
+    let (a, b, c, d, own) = (halves(row(2)), halves(row(3)), halves(row(4)), halves(row(5)), halves(own));
+    [(low + a[0] + b[0] + c[0] + d[0]) / 6.0 - own[0], (high + a[1] + b[1] + c[1] + d[1]) / 6.0 - own[1]]
 }
 
 /// Slopes of the smoothness of active nodes, zero at others; returns the sum of their smoothness and the number of those
@@ -134,38 +135,35 @@ struct Measure<'a> {
 impl NullaryFnOnce for Measure<'_> {
     type Output = (f64, u32);
 
-    #[allow(clippy::needless_range_loop, reason = "loops over lanes are compiled to vectors")]
     #[inline(always)]
     fn call(self) -> (f64, u32) {
         let Self { bricks, values, slopes, limits } = self;
         let (layout, rows) = (values.layout(), values.rows());
         let Limits { near: reach, knee, spacing } = *limits;
-        let (mut sums, mut counts) = ([0.0f64; EDGE], [0.0f32; EDGE]);
+        let knee = Vec4::splat(knee);
+        let (mut sums, mut counts) = ([0.0f64; EDGE], [Vec4::ZERO; 2]);
         let first = bricks[0].rows().start;
-        // Loops over lanes, without a branch: each is a few instructions.
         for slot in first..bricks[bricks.len() - 1].rows().end {
-            let mut laplacian = excess(rows, slot, layout.neighbours(slot));
-            let (active, own) = (layout.active_lanes(slot), rows[slot]);
-            let (mut near, mut slope, mut value) = ([0.0; EDGE], [0.0; EDGE], [0.0; EDGE]);
-            for i in 0..EDGE {
-                laplacian[i] /= spacing;
-                near[i] = if own[i][0].abs() <= reach { active[i] } else { 0.0 };
-            }
-            for i in 0..EDGE {
-                let above = if laplacian[i] < -knee { -knee } else { laplacian[i] };
-                slope[i] = near[i] * if above > knee { knee } else { above };
-            }
-            for i in 0..EDGE {
+            let laplacian = excess(rows, slot, layout.neighbours(slot));
+            let active = layout.active_lanes(slot).as_chunks().0;
+            let (own, slopes) = (halves(&rows[slot]), slopes[slot - first].as_flattened_mut());
+            let mut value = [0.0; EDGE];
+            for half in 0..2 {
+                let laplacian = laplacian[half] / spacing;
+                let near =
+                    Vec4::select(own[half].abs().cmple(Vec4::splat(reach)), Vec4::from_array(active[half]), Vec4::ZERO);
+                let slope = near * laplacian.max(-knee).min(knee);
                 // The Huber function by its slope: s^2 / 2 within the knee, and s beyond it for each further unit.
-                value[i] = slope[i] * (laplacian[i] - 0.5 * slope[i]);
-                counts[i] += near[i];
+                (slope * (laplacian - 0.5 * slope)).write_to_slice(&mut value[4 * half..]);
+                slope.write_to_slice(&mut slopes[4 * half..]);
+                counts[half] += near;
             }
-            for i in 0..EDGE {
-                sums[i] += f64::from(value[i]);
+            for (sum, value) in sums.iter_mut().zip(value) {
+                *sum += f64::from(value);
             }
-            slopes[slot - first] = slope.map(|slope| [slope]);
         }
-        (sums.iter().sum(), counts.iter().sum::<f32>() as u32)
+        let count: f32 = counts.iter().map(|counts| counts.element_sum()).sum();
+        (sums.iter().sum(), count as u32)
     }
 }
 
@@ -189,11 +187,11 @@ impl NullaryFnOnce for Spread<'_> {
         let first = bricks[0].rows().start;
         for (slot, gradient) in (first..).zip(gradient) {
             let excess = excess(slopes, slot, layout.neighbours(slot));
-            let (active, mut sum) = (layout.active_lanes(slot), *gradient);
-            for i in 0..EDGE {
-                sum[i][0] += scale * excess[i] * active[i];
+            let active = layout.active_lanes(slot).as_chunks().0;
+            for (half, gradient) in gradient.as_flattened_mut().as_chunks_mut().0.iter_mut().enumerate() {
+                *gradient =
+                    (Vec4::from_array(*gradient) + scale * excess[half] * Vec4::from_array(active[half])).to_array();
             }
-            *gradient = sum;
         }
     }
 }
