@@ -80,10 +80,11 @@ impl Builder {
     fn graft(&mut self, node: usize, tree: &[Node]) {
         // The root is at place 0 there, the next node at 1.
         let shift = (self.nodes.len() - 1) as u32;
-        let moved =
-            |node: &Node| Node { first: if node.count == 0 { node.first + shift } else { node.first }, ..*node };
-        self.nodes[node] = moved(&tree[0]);
-        self.nodes.extend(tree[1..].iter().map(moved));
+        for (i, moved) in tree.iter().enumerate() {
+            let first = if moved.count == 0 { moved.first + shift } else { moved.first };
+            let moved = Node { first, ..*moved };
+            if i == 0 { self.nodes[node] = moved } else { self.nodes.push(moved) }
+        }
     }
 
     /// Orders the primitives so that the two halves are apart, and says how many the first has; never none or all.

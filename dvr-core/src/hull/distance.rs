@@ -107,26 +107,42 @@ fn coverage(mask: &Mask, x: f64, y: f64) -> f64 {
 /// Signed distance of a point to the visual hull of some masks, positive inside, at most `reach` in size; points that
 /// no view knows of are outside. The `disagreeing` most pessimistic views are not believed.
 pub fn hull_distance(masks: &[MaskDistance], point: Vec3, reach: f32, disagreeing: usize) -> f32 {
-    let mut least = [f32::INFINITY; MAX_DISAGREEING + 1];
+    hull_distances(masks, &[point], reach, disagreeing)[0]
+}
+
+/// The same of many points, in their order: those that lie close together read the same places of a mask.
+pub fn hull_distances(masks: &[MaskDistance], points: &[Vec3], reach: f32, disagreeing: usize) -> Vec<f32> {
     let rank = disagreeing.min(MAX_DISAGREEING);
-    let mut known = 0;
-    for distance in masks.iter().filter_map(|mask| mask.at(point)) {
-        known += 1;
-        let mut value = distance;
-        for slot in &mut least[..=rank] {
-            if value < *slot {
-                std::mem::swap(slot, &mut value);
-            }
+    let mut distances = vec![-reach; points.len()];
+    for (points, distances) in points.chunks(TOGETHER).zip(distances.chunks_mut(TOGETHER)) {
+        // The least distances of each point, rising; which points may still be inside, and how many views know each.
+        let mut least = [[f32::INFINITY; MAX_DISAGREEING + 1]; TOGETHER];
+        let mut known = [0; TOGETHER];
+        let mut left: Vec<usize> = (0..points.len()).collect();
+        for mask in masks {
+            left.retain(|&i| {
+                let Some(mut value) = mask.at(points[i]) else { return true };
+                known[i] += 1;
+                for slot in &mut least[i][..=rank] {
+                    if value < *slot {
+                        std::mem::swap(slot, &mut value);
+                    }
+                }
+                least[i][rank] > -reach
+            });
         }
-        if least[rank] <= -reach {
-            return -reach;
+        for i in left.into_iter().filter(|&i| known[i] > rank) {
+            distances[i] = least[i][rank].clamp(-reach, reach);
         }
     }
-    if known <= rank { -reach } else { least[rank].clamp(-reach, reach) }
+    distances
 }
 
 /// The most views that [`hull_distance`] disbelieves.
 const MAX_DISAGREEING: usize = 15;
+
+/// Points whose distances to one mask are found together.
+const TOGETHER: usize = 64;
 
 #[cfg(test)]
 mod tests {
@@ -189,6 +205,25 @@ mod tests {
         masks.push(MaskDistance::new(&camera, &mask));
         assert_eq!(hull_distance(&masks, Vec3::ZERO, 0.1, 0), -0.1);
         assert!(hull_distance(&masks, Vec3::ZERO, 0.1, 1) > 0.05);
+    }
+
+    #[test]
+    fn many_points_have_the_distances_that_each_has_by_the_definition() {
+        let masks = views(48);
+        // On rows through the ball and beyond all frames, more than are worked on together.
+        let point = |i: usize| Vec3::new(0.05 * (i % 30) as f32 - 0.75, 0.07 * (i / 30) as f32 - 0.5, 0.1);
+        let points: Vec<Vec3> = (0..450).map(point).collect();
+        for disagreeing in [0, 2, 40] {
+            let by_definition = |point: &Vec3| {
+                let mut all: Vec<f32> = masks.iter().filter_map(|mask| mask.at(*point)).collect();
+                all.sort_by(f32::total_cmp);
+                all.get(disagreeing.min(MAX_DISAGREEING)).map_or(-0.1, |found| found.clamp(-0.1, 0.1))
+            };
+            let expected: Vec<f32> = points.iter().map(by_definition).collect();
+            assert_eq!(hull_distances(&masks, &points, 0.1, disagreeing), expected);
+            let inside = expected.iter().filter(|&&distance| distance > 0.0).count();
+            assert_eq!(inside > 10, disagreeing < 15, "{inside} inside");
+        }
     }
 
     #[test]

@@ -338,7 +338,16 @@ impl BrickLayout {
     /// The reverse of [`BrickLayout::rows_of`].
     pub fn of_rows<const C: usize>(&self, active: &ActiveNodes, rows: &[Row<C>]) -> Vec<f32> {
         let mut taken = Vec::with_capacity(C * active.count());
-        self.slots(active).for_each(|(slot, lane)| taken.extend_from_slice(&rows[slot][lane]));
+        for ([mut x, y, z], length) in runs(active) {
+            let end = x + length;
+            while x < end {
+                // What lies in one row at once.
+                let (lane, count) = (x % EDGE, (EDGE - x % EDGE).min(end - x));
+                let row = &rows[self.code(x / EDGE, y, z) as usize];
+                taken.extend_from_slice(row[lane..lane + count].as_flattened());
+                x += count;
+            }
+        }
         taken
     }
 

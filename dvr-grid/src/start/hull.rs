@@ -2,9 +2,10 @@
 
 use crate::active::ActiveNodes;
 use crate::bricks::BrickValues;
-use dvr_core::hull::{MaskDistance, hull_distance};
+use dvr_core::hull::{MaskDistance, hull_distances};
 use dvr_core::voxel::VoxelGrid;
 use dvr_core::{Cancellation, Cancelled};
+use glam::Vec3;
 use rayon::prelude::*;
 
 use super::space_carving::SpaceCarving;
@@ -15,6 +16,25 @@ const REACH: f32 = 0.1;
 
 /// Cells around the hull in which the surface may move.
 const BAND_CELLS: f32 = 2.5;
+
+/// Points that a task measures.
+const CHUNK: usize = 1 << 10;
+
+/// Distances to the hull.
+fn of_points(
+    masks: &[MaskDistance],
+    points: &[Vec3],
+    disagreeing: usize,
+    cancellation: &Cancellation,
+) -> Result<Vec<f32>, Cancelled> {
+    let chunks: Vec<Vec<f32>> = (points.par_chunks(CHUNK))
+        .map(|points| {
+            cancellation.check()?;
+            Ok(hull_distances(masks, points, REACH, disagreeing))
+        })
+        .collect::<Result<_, Cancelled>>()?;
+    Ok(chunks.concat())
+}
 
 /// What the hull's distance at the active nodes adds to what is interpolated of it from every second node, in their
 /// order: the detail of outlines, for values that come from a grid of half the cells.
@@ -29,12 +49,8 @@ pub(crate) fn hull_detail(
 ) -> Result<Vec<f32>, Cancelled> {
     let distances = |active: &ActiveNodes| -> Result<Vec<f32>, Cancelled> {
         let grid = active.grid();
-        let nodes: Vec<usize> = active.iter().collect();
-        let distance = |&node: &usize| {
-            cancellation.check()?;
-            Ok(hull_distance(masks, grid.position(node), REACH, disagreeing))
-        };
-        nodes.par_iter().map(distance).collect()
+        let points: Vec<Vec3> = active.iter().map(|node| grid.position(node)).collect();
+        of_points(masks, &points, disagreeing, cancellation)
     };
     let coarser = active.coarser();
     let coarse = BrickValues::<1>::of_active(&coarser, &distances(&coarser)?);
@@ -59,15 +75,13 @@ pub(crate) fn hull_start(
     fused: Option<&FusedDistance>,
     cancellation: &Cancellation,
 ) -> Result<(Vec<f32>, ActiveNodes), Cancelled> {
-    let mut distances: Vec<f32> = (0..grid.len())
-        .into_par_iter()
-        .map(|node| {
-            cancellation.check()?;
-            let distance = hull_distance(masks, grid.position(node), REACH, disagreeing);
-            // The border of the cube is outside: a surface is closed there.
-            Ok(if grid.is_on_border(node) { distance.min(-0.5 * grid.spacing()) } else { distance })
-        })
-        .collect::<Result<_, Cancelled>>()?;
+    let points: Vec<Vec3> = (0..grid.len()).map(|node| grid.position(node)).collect();
+    let mut distances = of_points(masks, &points, disagreeing, cancellation)?;
+    drop(points);
+    for (_, distance) in distances.iter_mut().enumerate().filter(|(node, _)| grid.is_on_border(*node)) {
+        // The border of the cube is outside: a surface is closed there.
+        *distance = distance.min(-0.5 * grid.spacing());
+    }
     let band = BAND_CELLS * grid.spacing();
     let in_band = ActiveNodes::new(grid, |node| distances[node] > -band && !grid.is_on_border(node));
     let mut may_change = vec![false; grid.len()];

@@ -6,7 +6,7 @@
 
 use dvr_core::voxel::VoxelGrid;
 use dvr_core::{Bilinear, Cancellation, Cancelled};
-use glam::{Vec2, Vec3};
+use glam::{Vec2, Vec3, Vec3A};
 use rayon::prelude::*;
 
 use crate::patch::CenteredPatch;
@@ -156,7 +156,8 @@ struct Shrunk {
     height: usize,
     /// Pixels of the photograph along the side of one of these.
     factor: usize,
-    colors: Vec<Vec3>,
+    /// In vectors: they are interpolated at every depth.
+    colors: Vec<Vec3A>,
 }
 
 impl Shrunk {
@@ -166,7 +167,7 @@ impl Shrunk {
         let mean = |x: usize, y: usize| {
             let pixels = (0..factor * factor).map(|i| (x * factor + i % factor, y * factor + i / factor));
             let sum = pixels.map(|(u, v)| view.object_color(u as u32, v as u32)).sum::<Option<Vec3>>();
-            sum.map_or(Vec3::NAN, |sum| sum / (factor * factor) as f32)
+            sum.map_or(Vec3A::NAN, |sum| (sum / (factor * factor) as f32).into())
         };
         let colors = (0..width * height).map(|i| mean(i % width, i / width)).collect();
         Self { width, height, factor, colors }
@@ -182,11 +183,12 @@ impl Shrunk {
     }
 
     /// Interpolated colour at a place in the photograph's own pixels; no numbers at the outline and beyond.
-    fn sample(&self, pixel: Vec2) -> Vec3 {
+    #[inline]
+    fn sample(&self, pixel: Vec2) -> Vec3A {
         let size = (self.width as u32, self.height as u32);
         match Bilinear::at_single(pixel / self.factor as f32, size) {
             Some(at) => at.value(at.pixels.map(|(x, y)| self.colors[y as usize * self.width + x as usize])),
-            None => Vec3::NAN,
+            None => Vec3A::NAN,
         }
     }
 
@@ -204,10 +206,18 @@ impl Shrunk {
 type ColorPatch = CenteredPatch<VALUES>;
 
 /// `None` where one of the samples is no colour.
-fn color_patch(sample: impl Fn(usize) -> Vec3) -> Option<ColorPatch> {
-    let mut colors: [Vec3; SAMPLES] = std::array::from_fn(sample);
-    let mean = colors.iter().sum::<Vec3>() / SAMPLES as f32;
+#[inline]
+fn color_patch(sample: impl Fn(usize) -> Vec3A) -> Option<ColorPatch> {
+    let mut colors = [Vec3A::ZERO; SAMPLES];
+    for (i, color) in colors.iter_mut().enumerate() {
+        *color = sample(i);
+    }
+    let mean = colors.iter().sum::<Vec3A>() / SAMPLES as f32;
     colors.iter_mut().for_each(|color| *color -= mean);
-    let patch = CenteredPatch::of_centered(std::array::from_fn(|i| colors[i / 3][i % 3]));
+    let mut values = [0.0; VALUES];
+    for (values, color) in values.as_chunks_mut::<3>().0.iter_mut().zip(colors) {
+        *values = color.to_array();
+    }
+    let patch = CenteredPatch::of_centered(values);
     patch.variance.is_finite().then_some(patch)
 }

@@ -52,6 +52,11 @@ impl FusedDistance {
                     continue;
                 }
                 let Some(pixel) = picture.pixel_at(place) else { continue };
+                // Depths that are interpolated are no further from that of the pixel.
+                let doubt = 1.001 * MAX_STEP * picture.camera.footprint();
+                if map.z_depth[pixel].is_nan() || z - map.z_depth[pixel] > truncation + doubt {
+                    continue;
+                }
                 let depth = interpolated(picture, map, place).unwrap_or(map.z_depth[pixel]);
                 let behind = z - depth;
                 if behind < truncation {

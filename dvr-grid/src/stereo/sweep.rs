@@ -62,12 +62,12 @@ fn sweep(volume: &mut CostVolume, part: &Part, picture: &Picture, pictures: &[Pi
                 }
             }
         }
-        for pixel in 0..part.width * part.height {
+        (0..part.width * part.height).for_each(|pixel| {
             let (of_pixel, at) = volume.planes_of(pixel);
-            let (from, to) = (of_pixel.start.max(first), of_pixel.end.min(first + TOGETHER));
-            for plane in from..to {
+            let together = of_pixel.start.max(first)..of_pixel.end.min(first + TOGETHER);
+            for plane in together {
                 volume.costs[at.start + plane - of_pixel.start] = planes[plane - first][pixel];
             }
-        }
+        });
     }
 }
