@@ -258,8 +258,8 @@ impl<'a> TrainingView<'a> {
         }
         let mut at = [0u32; N];
         for i in 0..N {
-            let ([left, u], [above, v]) = (rounded_down(s[i]), rounded_down(t[i]));
-            at[i] = v.to_bits() * self.width + u.to_bits();
+            let ((left, u), (above, v)) = (rounded_down(s[i]), rounded_down(t[i]));
+            at[i] = v * self.width + u;
             (s[i], t[i]) = (s[i] - left, t[i] - above);
         }
         let (mut corners, mut shown) = ([[0u32; N]; 4], u8::MAX);
@@ -336,15 +336,15 @@ impl<'a> TrainingView<'a> {
     }
 }
 
-/// A number that is not negative and less than 2^22, rounded down, and the same as an integer in its bits: a conversion that
-/// is right for all numbers is not compiled to vectors.
+/// A number that is not negative and less than 2^22, rounded down, and the same as an integer. A cast, which is right for
+/// all numbers, would not be compiled to vectors.
 #[inline(always)]
-fn rounded_down(value: f32) -> [f32; 2] {
+fn rounded_down(value: f32) -> (f32, u32) {
     /// Numbers from here on to twice this are whole, and count in their lowest bits.
     const WHOLE: f32 = (1u32 << 23) as f32;
     let nearest = (value + WHOLE) - WHOLE;
     let down = nearest - if nearest > value { 1.0 } else { 0.0 };
-    [down, f32::from_bits((down + WHOLE).to_bits() & ((1 << 23) - 1))]
+    (down, (down + WHOLE).to_bits() & ((1 << 23) - 1))
 }
 
 /// The pixels of a view for inner loops.
@@ -474,6 +474,30 @@ mod tests {
             }
         }
         assert!(seen > 50 && unseen > 50, "{seen} and {unseen}");
+    }
+
+    #[test]
+    fn numbers_are_rounded_down_as_a_cast_does() {
+        for value in [0.0, 0.4, 0.5, 0.999_999_9, 1.0, 1.5, 2.5, 3.499_999_8, 1_023.999_94, 65_535.5, 4_194_303.5] {
+            assert_eq!(rounded_down(value), ((value as u32) as f32, value as u32), "{value}");
+        }
+    }
+
+    #[test]
+    fn pixels_side_by_side_are_read_up_to_the_end_of_the_photograph() {
+        // One row, and the least that has four pixels around a place.
+        for count in [2, 3, 4, 9] {
+            let colors: Vec<[u8; 3]> = (0..count).map(|i| [10 * i, 10 * i + 1, 255 - i]).collect();
+            let pixels =
+                ObjectPixels { width: count.into(), colors: &colors, coverage: &[], factors: Vec3::ONE, offset: 0.0 };
+            for index in 0..usize::from(count) - 1 {
+                let expected = [index, index + 1].map(|index| {
+                    let [red, green, blue] = colors[index];
+                    u32::from_le_bytes([red, green, blue, 0])
+                });
+                assert_eq!(pixels.side_by_side(index), expected, "{index} of {count}");
+            }
+        }
     }
 
     #[test]

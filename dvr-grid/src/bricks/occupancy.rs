@@ -35,7 +35,7 @@ pub(crate) struct BrickOccupancy {
     inside: Vec<Bits>,
     /// Cells.
     marked: Vec<Bits>,
-    /// Of each brick of the grid, which one it is of those of which something is stored; or one of the codes below.
+    /// Of each brick of the grid, which one it is of those of which something is stored; or [`EMPTY`] or [`FULL`].
     blocks: Vec<u32>,
     /// The smallest box around the cells of bricks that are not stored and lie inside.
     of_others: CellBox,

@@ -94,7 +94,7 @@ struct Limits {
     spacing: f32,
 }
 
-/// A number of each node of a row, in vectors of four.
+/// A number of each node of a row, in vectors: loops over the eight are compiled to numbers one by one.
 type Halves = [Vec4; 2];
 
 #[inline(always)]

@@ -25,6 +25,7 @@ pub(crate) struct RayRecord {
 }
 
 /// Numbers of a record.
+#[cfg(feature = "gpu")]
 pub(crate) const NUMBERS: usize = size_of::<RayRecord>() / 4;
 
 /// Where the fields of a [`RayRecord`] lie among its numbers: what kernels write by.
