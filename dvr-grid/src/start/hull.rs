@@ -20,20 +20,22 @@ const BAND_CELLS: f32 = 2.5;
 /// Points that a task measures.
 const CHUNK: usize = 1 << 10;
 
-/// Distances to the hull.
+/// Distances to the hull of so many points. They are made where they are needed: a dense grid has too many to be kept.
 fn of_points(
     masks: &[MaskDistance],
-    points: &[Vec3],
+    count: usize,
+    point: impl Fn(usize) -> Vec3 + Sync,
     disagreeing: usize,
     cancellation: &Cancellation,
 ) -> Result<Vec<f32>, Cancelled> {
-    let chunks: Vec<Vec<f32>> = (points.par_chunks(CHUNK))
-        .map(|points| {
-            cancellation.check()?;
-            Ok(hull_distances(masks, points, REACH, disagreeing))
-        })
-        .collect::<Result<_, Cancelled>>()?;
-    Ok(chunks.concat())
+    let mut distances = vec![0.0; count];
+    distances.par_chunks_mut(CHUNK).enumerate().try_for_each(|(chunk, distances)| {
+        cancellation.check()?;
+        let points: Vec<Vec3> = (0..distances.len()).map(|i| point(chunk * CHUNK + i)).collect();
+        distances.copy_from_slice(&hull_distances(masks, &points, REACH, disagreeing));
+        Ok(())
+    })?;
+    Ok(distances)
 }
 
 /// What the hull's distance at the active nodes adds to what is interpolated of it from every second node, in their
@@ -49,8 +51,8 @@ pub(crate) fn hull_detail(
 ) -> Result<Vec<f32>, Cancelled> {
     let distances = |active: &ActiveNodes| -> Result<Vec<f32>, Cancelled> {
         let grid = active.grid();
-        let points: Vec<Vec3> = active.iter().map(|node| grid.position(node)).collect();
-        of_points(masks, &points, disagreeing, cancellation)
+        let nodes: Vec<usize> = active.iter().collect();
+        of_points(masks, nodes.len(), |i| grid.position(nodes[i]), disagreeing, cancellation)
     };
     let coarser = active.coarser();
     let coarse = BrickValues::<1>::of_active(&coarser, &distances(&coarser)?);
@@ -75,9 +77,7 @@ pub(crate) fn hull_start(
     fused: Option<&FusedDistance>,
     cancellation: &Cancellation,
 ) -> Result<(Vec<f32>, ActiveNodes), Cancelled> {
-    let points: Vec<Vec3> = (0..grid.len()).map(|node| grid.position(node)).collect();
-    let mut distances = of_points(masks, &points, disagreeing, cancellation)?;
-    drop(points);
+    let mut distances = of_points(masks, grid.len(), |node| grid.position(node), disagreeing, cancellation)?;
     for (_, distance) in distances.iter_mut().enumerate().filter(|(node, _)| grid.is_on_border(*node)) {
         // The border of the cube is outside: a surface is closed there.
         *distance = distance.min(-0.5 * grid.spacing());
