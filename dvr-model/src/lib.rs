@@ -55,6 +55,7 @@ mod fused;
 #[cfg(feature = "gpu")]
 mod gpu_march;
 mod image_model;
+mod mirrored;
 mod mlp;
 mod picture_camera;
 mod pixel_aligned;
@@ -72,6 +73,7 @@ pub use encoder::{
 pub use error::RecordError;
 pub use fused::FusedDecoder;
 pub use image_model::{AlignedLayer, ImageModel, ImageModelConfig, Seen};
+pub use mirrored::ObjectField;
 pub use pytorch::{AdamMoments, Imported, ImportedNetwork, PytorchCheckpoint, load_pretrained, read_pytorch};
 pub use record::{FORMAT_VERSION, NetworkConfig, from_safetensors, load_safetensors, save_safetensors, to_safetensors};
 pub use seeded::seeded;

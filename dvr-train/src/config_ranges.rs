@@ -56,6 +56,7 @@ const OF_OBJECTS: &[NumberRange] = &[
     whole("objects", 1, 4096),
     whole("views", 1, 4096),
     real("hull_depth", 0.0, WEIGHT),
+    real("hull_occupancy", 0.0, WEIGHT),
     whole("points", 1, RAYS),
     real("box_share", 0.0, 1.0),
     real("threshold", 0.001, 0.999),

@@ -1,11 +1,12 @@
 //! The picture that an image encoder sees: the object on white, square, of the encoder's size.
 
 use glam::{DMat3, DVec2};
-use image::imageops::{FilterType, overlay, resize};
+use image::imageops::{FilterType, flip_horizontal, overlay, resize};
 use image::{Rgb, RgbImage};
 
 use crate::camera::Camera;
 use crate::files::Photo;
+use crate::mirror::MirrorAxis;
 use crate::raster::Mask;
 
 /// What an image encoder sees of an object.
@@ -15,6 +16,17 @@ pub struct InputPicture {
     pub image: RgbImage,
     /// Its camera in object space, where it is known.
     pub camera: Option<Camera>,
+}
+
+impl InputPicture {
+    /// The picture of the mirrored object: flipped from left to right.
+    #[must_use]
+    pub fn mirrored(&self, axis: MirrorAxis) -> Self {
+        Self {
+            image: flip_horizontal(&self.image),
+            camera: self.camera.as_ref().map(|camera| axis.mirrored_camera(camera)),
+        }
+    }
 }
 
 /// Puts the object on white by its alpha channel, or else by `mask`, pads to a square with white, and scales to `size`

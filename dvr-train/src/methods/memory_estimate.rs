@@ -121,15 +121,14 @@ fn scene_step(config: &TrainConfig) -> f64 {
 fn objects_step(config: &ObjectsConfig) -> f64 {
     let train = &config.train;
     let objects = config.objects as f64;
-    let of_targets = match train.supervision {
-        Supervision::Occupancy => objects * config.points as f64 * point(&train.model),
-        _ => rays_step(train, objects * train.rays as f64),
-    };
-    // Each point is matched with each object to add up the gradients of codes.
-    let points = match train.supervision {
+    let known = match train.supervision {
         Supervision::Occupancy => config.points,
-        _ => train.rays,
+        _ => config.hull_points(),
     };
+    let rays = if train.supervision == Supervision::Occupancy { 0 } else { train.rays };
+    let of_targets = objects * known as f64 * point(&train.model) + rays_step(train, objects * rays as f64);
+    // Each point is matched with each object to add up the gradients of codes.
+    let points = known + rays;
     let matches = NUMBER * objects * objects * points as f64;
     let weights = match &config.encoder {
         EncoderConfig::Resnet18 { .. } => 11.3e6,

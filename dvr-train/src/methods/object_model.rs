@@ -1,7 +1,7 @@
 //! One of the objects that a run knows by their learned codes, as a field of its own.
 
 use burn::tensor::Device;
-use dvr_model::{Conditioned, EncoderConfig};
+use dvr_model::{EncoderConfig, ObjectField};
 
 use crate::error::{Error, Result};
 use crate::methods::field_model::FieldModel;
@@ -29,8 +29,8 @@ pub fn load_object(checkpoint: &Checkpoint, object: usize, device: &Device) -> R
 }
 
 /// A network that is bound to an object.
-pub(crate) fn model_of_field(field: Conditioned) -> Box<dyn TrainedModel> {
+pub(crate) fn model_of_field(field: ObjectField) -> Box<dyn TrainedModel> {
     use burn::module::Module;
-    let parameters = field.decoder().num_params();
+    let parameters = field.conditioned().decoder().num_params();
     Box::new(FieldModel::new(field, parameters, None))
 }

@@ -6,12 +6,14 @@ use dvr_model::{DecoderConfig, EncoderConfig, ImageModelConfig};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
+use super::hulls::Hulls;
+use super::mirror::Mirror;
 use crate::config::{HullConfig, MarchStage, TrainConfig};
 use crate::error::Result;
 use crate::methods::overrides::{overridden, visible};
 use crate::methods::record::MethodRecord;
-use dvr_core::Supervision;
 use dvr_core::number_range::{OutOfRange, check_numbers};
+use dvr_core::{MirrorAxis, Supervision};
 
 /// What a single scene's training has, and that of objects has not.
 const HIDDEN: &[&str] = &["hold_out_every", "hull.warm_start_steps", "hull.warm_start_points", "hull.bound_rays"];
@@ -50,7 +52,15 @@ pub struct ObjectsConfig {
     /// with `one_view`, where other views' masks are not known.
     #[serde(default)]
     pub hull_depth: f64,
-    /// Points of each object in a step of `occupancy` supervision.
+    /// With pictures: weight of the cross entropy against the occupancy of the visual hull of all masks, and with depth maps of
+    /// what these leave of it, at `points` of each object a step; half of them where the hull ends. 0 leaves it out.
+    #[serde(default)]
+    pub hull_occupancy: f64,
+    /// Whether objects are learned from as their mirror images too, and seen so: a shape is then what a picture and the same one
+    /// flipped from left to right say of it, on average.
+    #[serde(default)]
+    pub mirror: Mirror,
+    /// Points of each object in a step of `occupancy` supervision, or of its visual hull.
     pub points: usize,
     /// Share of these that are drawn in the padded box of the object, the others in the padded cube: from 0 to 1.
     #[serde(default)]
@@ -80,6 +90,8 @@ impl ObjectsConfig {
             views: 1,
             one_view: false,
             hull_depth: 10.0,
+            hull_occupancy: 0.0,
+            mirror: Mirror::Off,
             points: 512,
             box_share: if supervision == Supervision::Occupancy { BOX_SHARE } else { 0.0 },
             threshold: if supervision == Supervision::Occupancy { ONET_THRESHOLD } else { half() },
@@ -110,6 +122,8 @@ impl ObjectsConfig {
             encoder,
             objects: 64,
             hull_depth: 0.0,
+            hull_occupancy: 0.0,
+            mirror: Mirror::Off,
             points: 2048,
             box_share: 0.0,
             train: TrainConfig {
@@ -155,14 +169,37 @@ impl ObjectsConfig {
     }
 
     /// Whether visual hulls stand for depth maps.
-    pub(crate) fn uses_hulls(&self) -> bool {
+    pub(crate) fn hull_stands_for_depth(&self) -> bool {
         self.train.supervision == Supervision::Rgb && !self.one_view && self.hull_depth > 0.0
+    }
+
+    /// Whether visual hulls are learned from at all. With `one_view`, other views' masks are not known.
+    pub(crate) fn uses_hulls(&self) -> bool {
+        let has_views = self.train.supervision != Supervision::Occupancy && !self.one_view;
+        self.hull_stands_for_depth() || has_views && self.hull_occupancy > 0.0
+    }
+
+    /// Points of the visual hull of each object that a step learns from.
+    pub(crate) fn hull_points(&self) -> usize {
+        if self.uses_hulls() && self.hull_occupancy > 0.0 { self.points } else { 0 }
+    }
+
+    /// The visual hulls of a dataset's objects.
+    pub(crate) fn hulls(&self) -> Hulls {
+        let by_depth = matches!(self.train.supervision, Supervision::Depth | Supervision::RgbDepth);
+        Hulls::new(self.train.hull.resolution, by_depth, self.hull_occupancy > 0.0)
+    }
+
+    /// The axis in whose mirror objects are learned from too, where there is one; what knows objects by their number alone has no
+    /// pictures to flip.
+    pub(crate) fn mirror_axis(&self) -> Option<MirrorAxis> {
+        self.encoder.image_size().and_then(|_| self.mirror.axis())
     }
 
     /// What a step's loss follows: [`ObjectsConfig::train`], with hulls in the place of depth maps where they are used.
     pub(crate) fn objective(&self) -> TrainConfig {
         let mut config = self.train.clone();
-        if self.uses_hulls() {
+        if self.hull_stands_for_depth() {
             let losses = &mut config.losses;
             losses.depth = self.hull_depth;
             // Where the depth is known, what colour says of it is noise: it fits one object's pixels, not the next one's.

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use dvr_core::dataset::{InputPicture, ObjectDataset};
-use dvr_core::{OccupancySamples, View};
+use dvr_core::{MirrorAxis, OccupancySamples, View};
 use glam::Vec3;
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
@@ -30,10 +30,41 @@ pub struct ObjectsBatch {
 /// What is learned from in a step. `owner` is the place of the object in the batch.
 #[derive(Clone, Debug)]
 pub enum Targets {
-    /// Pixels of posed views.
-    Pixels { pixels: Pixels, owner: Vec<i64>, noise: StepNoise },
-    /// Points, and whether they are inside.
-    Points { points: Vec<Vec3>, inside: Vec<bool>, owner: Vec<i64> },
+    /// Pixels of posed views, and points of the visual hulls, where these are used.
+    Pixels { pixels: Pixels, owner: Vec<i64>, noise: StepNoise, hull: KnownPoints },
+    /// Points of the true shape.
+    Points(KnownPoints),
+}
+
+/// Points, and whether they are inside.
+#[derive(Clone, Debug, Default)]
+pub struct KnownPoints {
+    pub points: Vec<Vec3>,
+    pub inside: Vec<bool>,
+    pub owner: Vec<i64>,
+}
+
+impl KnownPoints {
+    /// Adds points of the object at a place in the batch, in the mirror, where there is one.
+    fn extend(&mut self, samples: &[(Vec3, bool)], place: usize, mirror: Option<MirrorAxis>) {
+        self.points.extend(samples.iter().map(|(point, _)| mirror.map_or(*point, |axis| axis.mirrored(*point))));
+        self.inside.extend(samples.iter().map(|(_, inside)| *inside));
+        self.owner.resize(self.points.len(), place as i64);
+    }
+
+    /// Those of the first `objects` objects; the others stay, and their objects are counted anew.
+    fn take_first(&mut self, objects: i64) -> Self {
+        let owner = take_owners(&mut self.owner, objects);
+        let count = owner.len();
+        Self { points: self.points.drain(..count).collect(), inside: self.inside.drain(..count).collect(), owner }
+    }
+}
+
+/// The owners that are among the first `objects` objects; the others stay, and are counted anew.
+fn take_owners(owner: &mut Vec<i64>, objects: i64) -> Vec<i64> {
+    let first: Vec<i64> = owner.drain(..owner.partition_point(|owner| *owner < objects)).collect();
+    owner.iter_mut().for_each(|owner| *owner -= objects);
+    first
 }
 
 impl ObjectsBatch {
@@ -49,30 +80,27 @@ impl ObjectsBatch {
 }
 
 impl Targets {
-    /// How many pixels or points there are.
+    /// How many pixels or points there are, beside those of hulls.
     pub fn len(&self) -> usize {
         match self {
-            Self::Pixels { owner, .. } | Self::Points { owner, .. } => owner.len(),
+            Self::Pixels { owner, .. } => owner.len(),
+            Self::Points(points) => points.points.len(),
         }
     }
 
     /// What belongs to the first `objects` objects; the others stay, and are counted anew.
     fn take_first(&mut self, objects: i64) -> Self {
-        let take_owners = |owner: &mut Vec<i64>| {
-            let first: Vec<i64> = owner.drain(..owner.partition_point(|owner| *owner < objects)).collect();
-            owner.iter_mut().for_each(|owner| *owner -= objects);
-            first
-        };
         match self {
-            Self::Pixels { pixels, owner, noise } => {
-                let owner = take_owners(owner);
-                Self::Pixels { pixels: pixels.take_first(owner.len()), noise: noise.take_first(owner.len()), owner }
+            Self::Pixels { pixels, owner, noise, hull } => {
+                let owner = take_owners(owner, objects);
+                Self::Pixels {
+                    pixels: pixels.take_first(owner.len()),
+                    noise: noise.take_first(owner.len()),
+                    hull: hull.take_first(objects),
+                    owner,
+                }
             }
-            Self::Points { points, inside, owner } => {
-                let owner = take_owners(owner);
-                let count = owner.len();
-                Self::Points { points: points.drain(..count).collect(), inside: inside.drain(..count).collect(), owner }
-            }
+            Self::Points(points) => Self::Points(points.take_first(objects)),
         }
     }
 }
@@ -82,11 +110,20 @@ pub(crate) struct BatchDrawer {
     dataset: Arc<ObjectDataset>,
     config: ObjectsConfig,
     objects: ObjectDrawer,
-    /// Where the masks' hulls stand for depth maps.
+    /// Where visual hulls are learned from.
     hulls: Option<Hulls>,
 }
 
-enum ObjectTargets {
+/// What is learned from an object.
+struct ObjectTargets {
+    seen: SeenOrKnown,
+    /// Points of its visual hull.
+    hull_points: Vec<(Vec3, bool)>,
+    /// Whether it is learned from in the mirror.
+    mirror: Option<MirrorAxis>,
+}
+
+enum SeenOrKnown {
     Views(Vec<View>, Option<Arc<CoarseHull>>),
     Points(Vec<(Vec3, bool)>),
 }
@@ -96,7 +133,7 @@ impl BatchDrawer {
     /// When the dataset has no training objects.
     pub fn new(dataset: Arc<ObjectDataset>, config: ObjectsConfig) -> Result<Self> {
         let objects = ObjectDrawer::new(dataset.clone(), config.objects, config.train.seed, &config.encoder)?;
-        let hulls = config.uses_hulls().then(|| Hulls::new(config.train.hull.resolution));
+        let hulls = config.uses_hulls().then(|| config.hulls());
         Ok(Self { dataset, config, objects, hulls })
     }
 
@@ -113,11 +150,13 @@ impl BatchDrawer {
         let (drawn, mut rng) = self.objects.draw(step, |object, rng| self.draw_targets(object, rng))?;
         let rows = drawn.iter().map(|object| object.row as i64).collect();
         let (mut inputs, mut pixels, mut owner) = (Vec::new(), Pixels::default(), Vec::new());
-        let (mut points, mut inside) = (Vec::new(), Vec::new());
+        let (mut known, mut hull_points) = (KnownPoints::default(), KnownPoints::default());
         for (place, object) in drawn.into_iter().enumerate() {
-            inputs.extend(object.input);
-            match object.target {
-                ObjectTargets::Views(views, hull) => {
+            let target = object.target;
+            inputs.extend(object.input.map(|input| target.mirror.map_or(input.clone(), |axis| input.mirrored(axis))));
+            hull_points.extend(&target.hull_points, place, target.mirror);
+            match target.seen {
+                SeenOrKnown::Views(views, hull) => {
                     let views: Vec<&View> = views.iter().collect();
                     let first = pixels.len();
                     pixels.draw(&views, self.config.train.sampling(), &mut rng);
@@ -125,30 +164,35 @@ impl BatchDrawer {
                         pixels.z_depth.truncate(first);
                         pixels.z_depth.extend(pixels.rays[first..].iter().map(|ray| hull.depth(ray)));
                     }
+                    if let Some(axis) = target.mirror {
+                        pixels.rays[first..].iter_mut().for_each(|ray| *ray = axis.mirrored_ray(ray));
+                    }
                     owner.resize(pixels.len(), place as i64);
                 }
-                ObjectTargets::Points(samples) => {
-                    points.extend(samples.iter().map(|(point, _)| *point));
-                    inside.extend(samples.iter().map(|(_, inside)| *inside));
-                    owner.resize(points.len(), place as i64);
-                }
+                SeenOrKnown::Points(samples) => known.extend(&samples, place, target.mirror),
             }
         }
         let targets = if self.config.train.supervision == Supervision::Occupancy {
-            Targets::Points { points, inside, owner }
+            Targets::Points(known)
         } else {
             let noise = StepNoise::draw(&self.config.train, pixels.len(), &mut rng);
-            Targets::Pixels { pixels, owner, noise }
+            Targets::Pixels { pixels, owner, noise, hull: hull_points }
         };
         Ok(ObjectsBatch { rows, inputs, targets })
     }
 
     fn draw_targets(&self, object: usize, rng: &mut ChaCha8Rng) -> Result<ObjectTargets> {
+        let mirror = self.config.mirror_axis().filter(|_| rng.random_bool(0.5));
         if self.config.train.supervision == Supervision::Occupancy {
-            return Ok(ObjectTargets::Points(self.draw_points(object, rng)?));
+            let seen = SeenOrKnown::Points(self.draw_points(object, rng)?);
+            return Ok(ObjectTargets { seen, hull_points: Vec::new(), mirror });
         }
         let hull = self.hulls.as_ref().map(|hulls| hulls.of(&self.dataset, object)).transpose()?;
-        Ok(ObjectTargets::Views(self.draw_views(object, rng)?, hull))
+        let count = self.config.hull_points();
+        let near = (count as f64 * NEAR_SHARE).round() as usize;
+        let hull_points = hull.as_ref().map_or_else(Vec::new, |hull| hull.draw_points(near, count - near, rng));
+        let depth_of = hull.filter(|_| self.config.hull_stands_for_depth());
+        Ok(ObjectTargets { seen: SeenOrKnown::Views(self.draw_views(object, rng)?, depth_of), hull_points, mirror })
     }
 
     fn draw_views(&self, object: usize, rng: &mut ChaCha8Rng) -> Result<Vec<View>> {
@@ -187,6 +231,9 @@ impl BatchDrawer {
             .collect())
     }
 }
+
+/// Share of the points of a visual hull that are drawn where it ends, the others anywhere in the cube.
+const NEAR_SHARE: f64 = 0.5;
 
 /// The box of an object is padded by this share of its longest edge on each side, as Occupancy Networks pad the cube.
 const PADDING: f32 = 0.05;

@@ -9,7 +9,7 @@ use dvr_render::{Field, Query, ViewMetrics};
 use glam::Vec3;
 
 use super::config::ObjectsConfig;
-use super::draw::{BatchDrawer, ObjectsBatch, Targets};
+use super::draw::{BatchDrawer, KnownPoints, ObjectsBatch, Targets};
 use super::model::{cameras_of, image_tensor, rows_tensor, with_surface_at};
 use super::object_drawer::ObjectDrawer;
 use super::task::{ObjectBatch, ObjectsTask, TaskSettings};
@@ -79,7 +79,8 @@ impl ObjectsTask for FieldsTask {
         pixels: usize,
         device: &Device,
     ) -> Option<ViewMetrics> {
-        validate(&with_surface_at(network, self.config.surface_logit()), views, pixels, device)
+        let network = with_surface_at(network, self.config.surface_logit());
+        validate(&network, views, pixels, self.config.mirror_axis(), device)
     }
 }
 
@@ -115,21 +116,23 @@ fn objects_loss(
     let Seen { field, camera_error } = model.see(images, rows, cameras_of(&inputs).as_deref());
     let frozen = field.without_gradients();
     let loss = match batch.targets {
-        Targets::Pixels { pixels, owner, noise } => {
-            let config = config.objective();
-            let batch = PixelBatch::of_pixels(pixels, config.sampling().patch_pixels(), None, device);
-            step_loss(&field, &frozen, &batch.with_objects(owner), &noise, &config, steps_done)
+        Targets::Pixels { pixels, owner, noise, hull } => {
+            let objective = config.objective();
+            let batch = PixelBatch::of_pixels(pixels, objective.sampling().patch_pixels(), None, device);
+            let loss = step_loss(&field, &frozen, &batch.with_objects(owner), &noise, &objective, steps_done);
+            let of_hull = (!hull.points.is_empty())
+                .then(|| occupancy_loss(&field, &hull, &device.clone().autodiff()).total * config.hull_occupancy);
+            loss.with_term("hull", of_hull)
         }
-        Targets::Points { points, inside, owner } => {
-            occupancy_loss(&field, &points, &inside, &owner, &device.clone().autodiff())
-        }
+        Targets::Points(points) => occupancy_loss(&field, &points, &device.clone().autodiff()),
     };
     loss.with_term("camera", camera_error.map(|error| error * CAMERA_WEIGHT))
 }
 
 /// The Occupancy Network objective, a mean over points, in the form of the other targets; the IoU is that of the
 /// points.
-fn occupancy_loss(field: &Conditioned, points: &[Vec3], inside: &[bool], owner: &[i64], device: &Device) -> StepLoss {
+fn occupancy_loss(field: &Conditioned, known: &KnownPoints, device: &Device) -> StepLoss {
+    let KnownPoints { points, inside, owner } = known;
     let n = points.len();
     let flat: Vec<f32> = points.iter().flat_map(Vec3::to_array).collect();
     let sign: Vec<f32> = inside.iter().map(|&inside| if inside { 1.0 } else { -1.0 }).collect();

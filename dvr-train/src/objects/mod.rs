@@ -8,6 +8,9 @@ mod hulls;
 mod kept;
 mod loader;
 mod mean_shape;
+pub(crate) mod mirror;
+#[cfg(test)]
+mod mirror_tests;
 pub(crate) mod model;
 mod nearest_picture;
 mod object_drawer;
@@ -29,6 +32,7 @@ mod voxel_values;
 pub use config::ObjectsConfig;
 pub use evaluate::{Evaluation, Shard};
 pub use mean_shape::MeanShapes;
+pub use mirror::Mirror;
 pub use model::FieldsModel;
 pub use nearest_picture::NearestPicture;
 pub use object_model::ObjectModel;

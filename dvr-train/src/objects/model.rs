@@ -4,8 +4,8 @@ use burn::module::Module;
 use burn::tensor::{Device, Int, Tensor, TensorData};
 use dvr_core::dataset::InputPicture;
 use dvr_core::mesh::Mesh;
-use dvr_core::{Camera, Supervision, UnitCube};
-use dvr_model::{Conditioned, ImageModel};
+use dvr_core::{Camera, MirrorAxis, Supervision, UnitCube};
+use dvr_model::{ImageModel, ObjectField};
 use dvr_render::extract::{ExtractSettings, FieldSurface, ScalarField};
 use dvr_render::{MarchSettings, RenderSettings, SkipGrid};
 use glam::Vec3;
@@ -64,13 +64,13 @@ impl FieldsModel {
     }
 
     /// The field of the object in a picture as [`dvr_core::dataset::input_picture`] makes them.
-    pub fn field_of_picture(&self, picture: &InputPicture) -> Conditioned {
-        field_of(&self.model, Some(picture), 0, &self.device())
+    pub fn field_of_picture(&self, picture: &InputPicture) -> ObjectField {
+        field_of(&self.model, Some(picture), 0, self.config.mirror_axis(), &self.device())
     }
 
     /// The field of a training object, given its place among them: for models without pictures.
-    pub fn field_of_row(&self, row: usize) -> Conditioned {
-        field_of(&self.model, None, row as i64, &self.device())
+    pub fn field_of_row(&self, row: usize) -> ObjectField {
+        field_of(&self.model, None, row as i64, None, &self.device())
     }
 
     /// The shape of what it sees, `see` being the same question to it and to itself with another threshold; empty where there is
@@ -78,7 +78,7 @@ impl FieldsModel {
     ///
     /// # Errors
     /// When a surface needs more memory than there is.
-    pub(crate) fn shape(&self, see: impl Fn(&Self) -> Conditioned, extraction: &ExtractSettings) -> Result<Shape> {
+    pub(crate) fn shape(&self, see: impl Fn(&Self) -> ObjectField, extraction: &ExtractSettings) -> Result<Shape> {
         let options =
             MeshOptions { extraction: extraction.clone(), colors: ColorSource::Field, ..MeshOptions::default() };
         match self.mesh(see, &options) {
@@ -94,7 +94,7 @@ impl FieldsModel {
     ///
     /// # Errors
     /// When there is no surface at all, or it needs more memory than there is.
-    pub(crate) fn mesh(&self, see: impl Fn(&Self) -> Conditioned, options: &MeshOptions) -> Result<ObjectMesh> {
+    pub(crate) fn mesh(&self, see: impl Fn(&Self) -> ObjectField, options: &MeshOptions) -> Result<ObjectMesh> {
         let field = see(self);
         let mut extracted = match object_mesh(&FieldSurface::new(&field), options, &[], &[]) {
             Err(Error::NoMesh(reason)) => {
@@ -144,12 +144,12 @@ pub(crate) fn render_settings(samples: usize) -> RenderSettings {
 }
 
 /// Where a field's surface may be.
-pub(crate) fn skip_grid(field: &Conditioned) -> SkipGrid {
+pub(crate) fn skip_grid(field: &ObjectField) -> SkipGrid {
     SkipGrid::build(&FieldSurface::new(field), UnitCube::default(), SKIP_CELLS)
 }
 
 /// The largest logit on a grid of the cube.
-fn largest_logit(field: &Conditioned) -> f64 {
+fn largest_logit(field: &ObjectField) -> f64 {
     let half = UnitCube::default().half_extent() as f32;
     let at = |i: usize| half * (2.0 * (i as f32 + 0.5) / SEARCH_POINTS as f32 - 1.0);
     let n = SEARCH_POINTS;
@@ -157,10 +157,21 @@ fn largest_logit(field: &Conditioned) -> f64 {
     FieldSurface::new(field).logits(&points).into_iter().fold(f32::NEG_INFINITY, f32::max).into()
 }
 
-/// The field of the object in a picture, or of the training object with this place among them.
-pub(crate) fn field_of(model: &ImageModel, picture: Option<&InputPicture>, row: i64, device: &Device) -> Conditioned {
-    let pictures: Vec<&InputPicture> = picture.into_iter().collect();
-    model.see(image_tensor(&pictures, device), rows_tensor(&[row], device), cameras_of(&pictures).as_deref()).field
+/// The field of the object in a picture, seen in the mirror too where there is one, or of the training object with this place
+/// among them.
+pub(crate) fn field_of(
+    model: &ImageModel,
+    picture: Option<&InputPicture>,
+    row: i64,
+    mirror: Option<MirrorAxis>,
+    device: &Device,
+) -> ObjectField {
+    let in_mirror = picture.zip(mirror).map(|(picture, axis)| picture.mirrored(axis));
+    let pictures: Vec<&InputPicture> = picture.into_iter().chain(&in_mirror).collect();
+    let rows = vec![row; pictures.len().max(1)];
+    let cameras = cameras_of(&pictures);
+    let seen = model.see(image_tensor(&pictures, device), rows_tensor(&rows, device), cameras.as_deref());
+    ObjectField::new(seen.field, mirror.filter(|_| in_mirror.is_some()))
 }
 
 /// The cameras of pictures, where all are known.

@@ -16,6 +16,7 @@ use serde::{Deserialize, Serialize};
 
 use super::config::ObjectsConfig;
 use super::fields_task::FieldsTask;
+use super::mirror::Mirror;
 use super::model::{FieldsModel, render_settings, skip_grid};
 use super::object_model::ObjectModel;
 use super::systems::config::SystemConfig;
@@ -117,6 +118,16 @@ pub fn train_objects(
         record.config["encoder"] =
             serde_json::to_value(&encoder).map_err(|e| Error::BadConfig { problem: e.to_string() })?;
     }
+    let mut mirror = None;
+    if let ObjectsTraining::Fields(config) = &training
+        && config.mirror == Mirror::Auto
+    {
+        observer.phase("looking for the objects' mirror", 1);
+        let found = config.mirror.found(dataset, &config.hulls());
+        record.config["mirror"] =
+            serde_json::to_value(found).map_err(|e| Error::BadConfig { problem: e.to_string() })?;
+        mirror = Some(found);
+    }
     observer.phase("reading validation objects", 1);
     let header = CheckpointHeader {
         version: CHECKPOINT_VERSION,
@@ -140,7 +151,7 @@ pub fn train_objects(
     let run = Learning { dataset, training_loop, options, resume_from };
     match training {
         ObjectsTraining::Fields(config) => {
-            let config = ObjectsConfig { encoder, ..config.clone() };
+            let config = ObjectsConfig { encoder, mirror: mirror.unwrap_or(config.mirror), ..config.clone() };
             let model =
                 |bytes: &[u8]| FieldsModel::from_bytes(config.clone(), bytes, &options.device).map(ObjectModel::Fields);
             run.learn::<FieldsTask>(config.clone(), config.pretrained.as_deref(), model, observer)

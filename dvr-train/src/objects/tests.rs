@@ -17,9 +17,10 @@ use dvr_test_support::max_difference;
 use glam::Vec3;
 
 use super::config::ObjectsConfig;
-use super::draw::{BatchDrawer, ObjectsBatch, Targets};
+use super::draw::{BatchDrawer, KnownPoints, ObjectsBatch, Targets};
 use super::loader::Loader;
 use super::mean_shape::MeanShapes;
+use super::mirror::Mirror;
 use super::nearest_picture::NearestPicture;
 use super::predictor::{Predictor, evaluated_input};
 use super::shape::Shape;
@@ -55,18 +56,18 @@ fn write_dataset(root: &Path) {
     }
 }
 
-fn dataset() -> (tempfile::TempDir, Arc<ObjectDataset>) {
+pub(super) fn dataset() -> (tempfile::TempDir, Arc<ObjectDataset>) {
     let folder = tempfile::tempdir().unwrap();
     write_dataset(folder.path());
     let dataset = open(folder.path());
     (folder, dataset)
 }
 
-fn open(root: &Path) -> Arc<ObjectDataset> {
+pub(super) fn open(root: &Path) -> Arc<ObjectDataset> {
     Arc::new(ObjectDataset::open(root, ObjectOptions::default()).unwrap())
 }
 
-fn small(supervision: Supervision) -> ObjectsConfig {
+pub(super) fn small(supervision: Supervision) -> ObjectsConfig {
     let mut config = ObjectsConfig::new(supervision);
     config.encoder = EncoderConfig::Convolutional { image_size: 63, width: 2 };
     (config.objects, config.points, config.validate_objects) = (4, 32, 2);
@@ -169,7 +170,7 @@ fn points_are_drawn_in_the_padded_box_of_the_object_as_often_as_asked_for() {
         let mut config = ObjectsConfig { box_share: share, ..small(Supervision::Occupancy) };
         (config.objects, config.points) = (1, 2000);
         let batch = BatchDrawer::new(dataset.clone(), config).unwrap().draw(1).unwrap();
-        let Targets::Points { points, inside, .. } = batch.targets else { panic!("points") };
+        let Targets::Points(KnownPoints { points, inside, .. }) = batch.targets else { panic!("points") };
         // The plate is .9 long, and .036 thick.
         let near = points.iter().filter(|point| point.abs().cmple(Vec3::new(0.496, 0.406, 0.064)).all()).count();
         let found = near as f64 / points.len() as f64;
@@ -291,7 +292,7 @@ fn training_goes_on_after_a_break_as_if_there_had_been_none() {
         (local, Supervision::Rgb),
         (codes, Supervision::Occupancy),
     ] {
-        let config = ObjectsConfig { encoder, ..small(supervision) };
+        let config = ObjectsConfig { encoder, mirror: Mirror::Z, hull_occupancy: 1.0, ..small(supervision) };
         let new = newborn(&dataset, &config);
         let mut whole = new();
         (0..4).for_each(|_| drop(whole.step().unwrap()));
