@@ -55,8 +55,8 @@ mod fused;
 #[cfg(feature = "gpu")]
 mod gpu_march;
 mod image_model;
-mod mirrored;
 mod mlp;
+mod object_field;
 mod picture_camera;
 mod pixel_aligned;
 mod pytorch;
@@ -73,7 +73,7 @@ pub use encoder::{
 pub use error::RecordError;
 pub use fused::FusedDecoder;
 pub use image_model::{AlignedLayer, ImageModel, ImageModelConfig, Seen};
-pub use mirrored::ObjectField;
+pub use object_field::ObjectField;
 pub use pytorch::{AdamMoments, Imported, ImportedNetwork, PytorchCheckpoint, load_pretrained, read_pytorch};
 pub use record::{FORMAT_VERSION, NetworkConfig, from_safetensors, load_safetensors, save_safetensors, to_safetensors};
 pub use seeded::seeded;

@@ -12,6 +12,7 @@ use crate::config::{HullConfig, MarchStage, TrainConfig};
 use crate::error::Result;
 use crate::methods::overrides::{overridden, visible};
 use crate::methods::record::MethodRecord;
+use dvr_core::dataset::ObjectDataset;
 use dvr_core::number_range::{OutOfRange, check_numbers};
 use dvr_core::{MirrorAxis, Supervision};
 
@@ -188,6 +189,15 @@ impl ObjectsConfig {
     pub(crate) fn hulls(&self) -> Hulls {
         let by_depth = matches!(self.train.supervision, Supervision::Depth | Supervision::RgbDepth);
         Hulls::new(self.train.hull.resolution, by_depth, self.hull_occupancy > 0.0)
+    }
+
+    /// The mirror, found where it is still to be found: by the visual hulls. Not where there are no pictures to flip, or other
+    /// views' masks are not known.
+    pub(crate) fn found_mirror(&self, dataset: &ObjectDataset) -> Mirror {
+        match self.mirror {
+            Mirror::Auto if self.one_view || self.encoder.image_size().is_none() => Mirror::Off,
+            mirror => mirror.found(dataset, &self.hulls()),
+        }
     }
 
     /// The axis in whose mirror objects are learned from too, where there is one; what knows objects by their number alone has no

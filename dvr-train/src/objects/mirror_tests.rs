@@ -1,9 +1,10 @@
 //! Objects in the mirror, and points of their hulls: what is drawn belongs together.
 
+use std::sync::Arc;
+
 use burn::tensor::{Device, Tensor};
-use dvr_core::dataset::InputPicture;
-use dvr_core::mesh::{Mesh, TexturedMesh};
-use dvr_core::synth::{SynthConfig, render_dataset};
+use dvr_core::dataset::{InputPicture, ObjectDataset};
+use dvr_core::mesh::Mesh;
 use dvr_core::{MirrorAxis, Supervision};
 use dvr_model::EncoderConfig;
 use dvr_render::{Field, Query};
@@ -14,30 +15,18 @@ use super::config::ObjectsConfig;
 use super::draw::{BatchDrawer, Targets};
 use super::mirror::Mirror;
 use super::model::FieldsModel;
-use super::tests::{dataset, open, small};
+use super::tests::{dataset, rendered, small};
 use super::trainer::ObjectsTrainer;
 use crate::learners::learner::Learner;
 
-/// A wedge that no mirror leaves as it is, rendered with depth maps.
-fn wedge() -> (tempfile::TempDir, std::sync::Arc<dvr_core::dataset::ObjectDataset>) {
-    let folder = tempfile::tempdir().unwrap();
-    let config = SynthConfig {
-        views: 12,
-        width: 64,
-        height: 64,
-        surface_points: 500,
-        occupancy_points: 500,
-        ..SynthConfig::default()
-    };
+/// A wedge that no mirror leaves as it is.
+fn wedge() -> (tempfile::TempDir, Arc<ObjectDataset>) {
     let mesh = Mesh {
         vertices: vec![Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::Z],
         faces: vec![[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]],
         ..Mesh::default()
     };
-    let mesh = TexturedMesh { mesh, ..TexturedMesh::default() };
-    render_dataset(&mesh, "wedge", "wedges", folder.path(), &config, &|_, _| ()).unwrap();
-    let dataset = open(folder.path());
-    (folder, dataset)
+    rendered(mesh, 12, 64)
 }
 
 /// Whether a picture has its object where it sees a point.
@@ -94,8 +83,8 @@ fn without_a_mirror_nothing_is_drawn_in_one() {
 
 #[test]
 fn the_mirror_is_the_one_in_which_objects_change_least_and_none_where_they_change() {
-    let found = |dataset: &dvr_core::dataset::ObjectDataset, mirror: Mirror| {
-        mirror.found(dataset, &small(Supervision::Rgb).hulls())
+    let found = |dataset: &ObjectDataset, mirror: Mirror| {
+        ObjectsConfig { mirror, ..small(Supervision::Rgb) }.found_mirror(dataset)
     };
     let (_balls, balls_and_rings) = dataset();
     // Alike in all of them, but for what four views tell.
@@ -103,6 +92,9 @@ fn the_mirror_is_the_one_in_which_objects_change_least_and_none_where_they_chang
     assert_eq!(found(&balls_and_rings, Mirror::Y), Mirror::Y);
     let (_wedge, wedge) = wedge();
     assert_eq!(found(&wedge, Mirror::Auto), Mirror::Off);
+    // Where one view of each is all that is known, nothing is.
+    let one_view = ObjectsConfig { mirror: Mirror::Auto, one_view: true, ..small(Supervision::Rgb) };
+    assert_eq!(one_view.found_mirror(&balls_and_rings), Mirror::Off);
 }
 
 #[test]

@@ -123,7 +123,7 @@ pub fn train_objects(
         && config.mirror == Mirror::Auto
     {
         observer.phase("looking for the objects' mirror", 1);
-        let found = config.mirror.found(dataset, &config.hulls());
+        let found = config.found_mirror(dataset);
         record.config["mirror"] =
             serde_json::to_value(found).map_err(|e| Error::BadConfig { problem: e.to_string() })?;
         mirror = Some(found);

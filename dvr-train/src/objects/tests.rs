@@ -63,7 +63,7 @@ pub(super) fn dataset() -> (tempfile::TempDir, Arc<ObjectDataset>) {
     (folder, dataset)
 }
 
-pub(super) fn open(root: &Path) -> Arc<ObjectDataset> {
+fn open(root: &Path) -> Arc<ObjectDataset> {
     Arc::new(ObjectDataset::open(root, ObjectOptions::default()).unwrap())
 }
 
@@ -145,22 +145,26 @@ fn in_the_place_of_a_broken_object_another_one_is_drawn_and_it_is_named_once() {
     assert!(message.to_string().contains("in a row"), "{message}");
 }
 
-/// A thin plate, rendered, in a dataset of its own.
-fn plate() -> (tempfile::TempDir, Arc<ObjectDataset>) {
+/// A mesh, rendered, in a dataset of its own: pictures of so many views, and pixels.
+pub(super) fn rendered(mesh: Mesh, views: usize, pixels: u32) -> (tempfile::TempDir, Arc<ObjectDataset>) {
     let folder = tempfile::tempdir().unwrap();
     let config = SynthConfig {
-        views: 4,
-        width: 16,
-        height: 16,
+        views,
+        width: pixels,
+        height: pixels,
         surface_points: 500,
         occupancy_points: 20_000,
         ..SynthConfig::default()
     };
-    let mesh = shapes::cuboid(Vec3::new(-0.5, -0.4, -0.02), Vec3::new(0.5, 0.4, 0.02));
     let mesh = TexturedMesh { mesh, ..TexturedMesh::default() };
-    render_dataset(&mesh, "plate", "plates", folder.path(), &config, &|_, _| ()).unwrap();
+    render_dataset(&mesh, "only", "alone", folder.path(), &config, &|_, _| ()).unwrap();
     let dataset = open(folder.path());
     (folder, dataset)
+}
+
+/// A thin plate.
+fn plate() -> (tempfile::TempDir, Arc<ObjectDataset>) {
+    rendered(shapes::cuboid(Vec3::new(-0.5, -0.4, -0.02), Vec3::new(0.5, 0.4, 0.02)), 4, 16)
 }
 
 #[test]

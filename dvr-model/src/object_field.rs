@@ -3,9 +3,7 @@
 use burn::tensor::{Device, Int, Tensor};
 use dvr_core::MirrorAxis;
 use dvr_render::extract::ScalarField;
-use dvr_render::{
-    Crossing, Differentiable, Field, FieldJet, FieldValues, MarchSettings, Marcher, Query, Snapshot, axis_direction,
-};
+use dvr_render::{Crossing, Differentiable, Field, FieldJet, FieldValues, MarchSettings, Marcher, Query, Snapshot};
 use glam::Vec3;
 
 use crate::conditioned::Conditioned;
@@ -84,14 +82,9 @@ impl Differentiable for ObjectField {
     }
 
     fn occupancy_gradient(&self, query: &Query) -> Tensor<2> {
-        if self.mirror.is_none() {
-            return self.field.occupancy_gradient(query);
-        }
-        let along = (0..3).map(|axis| {
-            let direction = axis_direction(query, axis);
-            self.jet(query, direction).derivative.occupancy_logit.unsqueeze_dim::<2>(1)
-        });
-        Tensor::cat(along.collect(), 1)
+        let Some(axis) = self.mirror else { return self.field.occupancy_gradient(query) };
+        let [here, there] = self.both(query, axis).map(|query| self.field.occupancy_gradient(&query));
+        (here + in_mirror(&there, axis)) * 0.5
     }
 }
 
