@@ -29,6 +29,10 @@ pub struct DecoderConfig {
     /// Octaves of sines and cosines given to the network beside the coordinates; with 0, as in the paper, there are none.
     #[config(default = 0)]
     pub octaves: usize,
+    /// Whether a code scales the hidden layers too, and does not only shift them: feature-wise linear modulation (Perez et al.
+    /// 2018), which Occupancy Networks have with a normalisation before it.
+    #[config(default = false)]
+    pub film: bool,
 }
 
 impl DecoderConfig {
@@ -41,7 +45,8 @@ impl DecoderConfig {
         let hidden = self.hidden.max(1) as u64;
         let linear = |input: u64, output: u64| input.saturating_add(1).saturating_mul(output);
         let first = linear((self.octaves as u64).saturating_mul(6).saturating_add(3), hidden);
-        let code = if self.code_dim > 0 { linear(self.code_dim as u64, hidden) } else { 0 };
+        let given = if self.film { hidden.saturating_mul(2) } else { hidden };
+        let code = if self.code_dim > 0 { linear(self.code_dim as u64, given) } else { 0 };
         let block = linear(hidden, hidden).saturating_mul(2).saturating_add(code);
         let blocks = block.saturating_mul(self.blocks as u64);
         first.saturating_add(blocks).saturating_add(linear(hidden, 4))
@@ -58,9 +63,10 @@ impl DecoderConfig {
             },
         });
         let codes = if self.code_dim > 0 { self.blocks } else { 0 };
+        let given = if self.film { 2 * self.hidden } else { self.hidden };
         Decoder {
             fc_p: linear(3 + 6 * self.octaves, self.hidden),
-            fc_c: (0..codes).map(|_| linear(self.code_dim, self.hidden)).collect(),
+            fc_c: (0..codes).map(|_| linear(self.code_dim, given)).collect(),
             blocks: blocks.collect(),
             fc_out: linear(self.hidden, 4),
             leaky: self.leaky,
@@ -72,13 +78,14 @@ impl DecoderConfig {
 /// Occupancy logit and colour from a point and a latent code (DVR, section 4.1 and its supplement, figure 1).
 ///
 /// `net = fc_p(p)`; before each block `net += fc_c(c)`; a block is `x + fc_1(relu(fc_0(relu(x))))`;
-/// `out = fc_out(relu(net))`: channel 0 is the occupancy logit, the sigmoid of channels 1 to 3 is the colour.
+/// `out = fc_out(relu(net))`: channel 0 is the occupancy logit, the sigmoid of channels 1 to 3 is the colour. With
+/// [`DecoderConfig::film`], `net = net (1 + scale) + shift` before each block, where `(shift, scale) = fc_c(c)`.
 /// Parameter names are those of the reference code's checkpoints.
 #[derive(Module, Debug)]
 pub struct Decoder {
     /// Points (and their encoding) to hidden, `[3 + 6 octaves, hidden]`.
     pub fc_p: Linear,
-    /// Code to hidden, one per block, `[code_dim, hidden]`; empty without a code.
+    /// Code to hidden, one per block, `[code_dim, hidden]`, twice as wide with [`DecoderConfig::film`]; empty without a code.
     pub fc_c: Vec<Linear>,
     /// The residual blocks.
     pub blocks: Vec<ResnetBlock>,
@@ -110,7 +117,8 @@ impl Decoder {
         self.outputs(points, &self.conditions(code), None, None)
     }
 
-    /// What each block adds of the codes `[m, code_dim]`: one `[m, hidden]` per block, none without codes.
+    /// What the codes `[m, code_dim]` make of the layer before each block: one `[m, hidden]` per block that is added, or one
+    /// `[m, 2 hidden]` that shifts and then scales; none without codes.
     pub(crate) fn conditions(&self, codes: Option<Tensor<2>>) -> Vec<Tensor<2>> {
         codes.map_or_else(Vec::new, |codes| self.fc_c.iter().map(|fc_c| fc_c.forward(codes.clone())).collect())
     }
@@ -129,7 +137,7 @@ impl Decoder {
             net = net + aligned.at(&points, object);
         }
         for (i, block) in self.blocks.iter().enumerate() {
-            net = given(net, conditions.get(i), object);
+            net = given(net, conditions.get(i).map(|condition| of_points(condition, object)));
             let inner = relu(block.fc_0.forward(relu(net.clone())));
             net = net + block.fc_1.forward(inner);
         }
@@ -172,7 +180,11 @@ impl Decoder {
             tangents = tangents.into_iter().zip(along).map(|(tangent, along)| tangent + along).collect();
         }
         for (i, block) in self.blocks.iter().enumerate() {
-            net = given(net, conditions.get(i), object);
+            let condition = conditions.get(i).map(|condition| of_points(condition, object));
+            if let Some(factor) = condition.as_ref().and_then(|condition| factor(&net, condition)) {
+                tangents = tangents.into_iter().map(|tangent| tangent * factor.clone()).collect();
+            }
+            net = given(net, condition);
             let off = net.clone().lower_equal_elem(0.0);
             let inner = block.fc_0.forward(relu(net.clone()));
             let inner_off = inner.clone().lower_equal_elem(0.0);
@@ -195,12 +207,27 @@ impl Decoder {
     }
 }
 
-/// A layer `[n, hidden]` and what its points' codes add: the row of `condition` `[m, hidden]` that `object` `[n]` picks
-/// for each point, or without `object` a row per point, or the only row for all of them.
-fn given(net: Tensor<2>, condition: Option<&Tensor<2>>, object: Option<&Tensor<1, Int>>) -> Tensor<2> {
-    match (condition, object) {
-        (None, _) => net,
-        (Some(condition), Some(object)) => net + gather_rows(condition.clone(), object.clone()),
-        (Some(condition), None) => net + condition.clone(),
+/// What the codes make of a layer, for each point: the row of `condition` that `object` `[n]` picks, or without `object` a row
+/// per point, or the only row for all of them.
+fn of_points(condition: &Tensor<2>, object: Option<&Tensor<1, Int>>) -> Tensor<2> {
+    match object {
+        Some(object) => gather_rows(condition.clone(), object.clone()),
+        None => condition.clone(),
+    }
+}
+
+/// What a condition multiplies a layer `[n, hidden]` by, where it does: it is then twice as wide.
+fn factor(net: &Tensor<2>, condition: &Tensor<2>) -> Option<Tensor<2>> {
+    let hidden = net.dims()[1];
+    (condition.dims()[1] == 2 * hidden).then(|| condition.clone().narrow(1, hidden, hidden) + 1.0)
+}
+
+/// A layer `[n, hidden]` under the condition of its points' codes.
+fn given(net: Tensor<2>, condition: Option<Tensor<2>>) -> Tensor<2> {
+    let Some(condition) = condition else { return net };
+    let hidden = net.dims()[1];
+    match factor(&net, &condition) {
+        Some(factor) => net * factor + condition.narrow(1, 0, hidden),
+        None => net + condition,
     }
 }

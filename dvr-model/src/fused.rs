@@ -34,15 +34,16 @@ impl FusedDecoder {
         Self { network: ResidualMlp::new(weights(&input), &blocks, weights(&output), decoder.octaves, leak) }
     }
 
-    /// The same for each of some objects, given what each block adds of their codes, `[objects, hidden]` per block.
+    /// The same for each of some objects, given what their codes make of the layer before each block, as
+    /// [`Decoder::conditions`] has it.
     pub(crate) fn with_conditions(&self, conditions: &[Tensor<2>]) -> Vec<Self> {
-        let [objects, hidden] = conditions.first().map_or([0, 0], Tensor::dims);
-        let shifts: Vec<Vec<f32>> =
+        let [objects, width] = conditions.first().map_or([0, 0], Tensor::dims);
+        let rows: Vec<Vec<f32>> =
             conditions.iter().map(|condition| condition.clone().into_data().iter::<f32>().collect()).collect();
-        let of_object = |object: usize| -> Vec<Vec<f32>> {
-            shifts.iter().map(|shift| shift[object * hidden..(object + 1) * hidden].to_vec()).collect()
+        let of_object = |object: usize| -> Vec<&[f32]> {
+            rows.iter().map(|rows| &rows[object * width..(object + 1) * width]).collect()
         };
-        (0..objects).map(|object| Self { network: self.network.shifted(&of_object(object)) }).collect()
+        (0..objects).map(|object| Self { network: self.network.conditioned(&of_object(object)) }).collect()
     }
 
     /// Whether a parameter is a number that the CPU computes with in single precision.
@@ -147,14 +148,14 @@ mod tests {
     }
 
     /// Depth of each hit by ray, what starts inside, and the depth of the largest logit of rays that miss.
-    fn compare(ours: &March, truth: &March) {
+    fn compare(ours: &March, truth: &March, tolerance: f32) {
         let indices = |march: &March| march.hits.as_ref().map(|hits| hits.index.clone().into_data());
         assert!(indices(truth).is_some_and(|hits| hits.num_elements() > 20), "too few hits to compare");
         assert_eq!(indices(ours), indices(truth));
         assert_eq!(ours.status, truth.status);
         let depths = |march: &March| march.hits.as_ref().map(|hits| hits.depth.clone()).expect("hits");
         let apart = (depths(ours) - depths(truth)).abs().max().into_scalar::<f32>();
-        assert!(apart < 2e-5, "depths are {apart} apart");
+        assert!(apart < tolerance, "depths are {apart} apart");
         let missed: Vec<f32> =
             truth.status.iter().map(|&status| f32::from(u8::from(status == RayStatus::Misses))).collect();
         let missed = Tensor::<1>::from_floats(missed.as_slice(), &truth.max_logit_depth.device());
@@ -199,13 +200,21 @@ mod tests {
             let settings = MarchSettings { steps, ..MarchSettings::default() };
             let snapshots = decoder.snapshots();
             let ours = SnapshotMarcher::new(&snapshots, settings).march(&rays, jitter.clone());
-            compare(&ours, &TensorMarcher::new(&decoder, settings).march(&rays, jitter));
+            compare(&ours, &TensorMarcher::new(&decoder, settings).march(&rays, jitter), 2e-5);
         }
     }
 
     #[test]
     fn rays_of_many_objects_each_meet_their_own() {
-        let decoder = decoder(&DecoderConfig::new().with_hidden(32).with_code_dim(4));
+        for film in [false, true] {
+            // The scaled field is flatter where rays meet it: as small a difference of logits is a larger one of depths.
+            let tolerance = if film { 1e-3 } else { 2e-5 };
+            rays_meet_their_own(&DecoderConfig::new().with_hidden(32).with_code_dim(4).with_film(film), tolerance);
+        }
+    }
+
+    fn rays_meet_their_own(config: &DecoderConfig, tolerance: f32) {
+        let decoder = decoder(config);
         let device = Device::flex();
         let codes = Drawn(8).draw([3, 4], &device) * 0.1;
         let field = decoder.with_codes(codes);
@@ -215,6 +224,6 @@ mod tests {
         let snapshots = field.snapshots();
         assert_eq!(snapshots.len(), 3);
         let ours = SnapshotMarcher::new(&snapshots, settings).march(&rays, None);
-        compare(&ours, &TensorMarcher::new(&field, settings).march(&rays, None));
+        compare(&ours, &TensorMarcher::new(&field, settings).march(&rays, None), tolerance);
     }
 }

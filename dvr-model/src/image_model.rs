@@ -65,7 +65,7 @@ impl ImageModelConfig {
         let encoder = self.encoder.init(self.decoder.code_dim, device);
         let aligned = match &encoder {
             Encoder::Local(local) => Some(AlignedLayer::new(local.channels(), self.decoder.hidden, device)),
-            Encoder::Resnet18(_) | Encoder::Convolutional(_) | Encoder::Codes(_) => None,
+            Encoder::Resnet18(_) | Encoder::Convolutional(_) | Encoder::ConvolutionalBn(_) | Encoder::Codes(_) => None,
         };
         ImageModel { encoder, decoder: self.decoder.init(device), aligned }
     }

@@ -68,7 +68,8 @@ mod tensors;
 pub use conditioned::Conditioned;
 pub use decoder::{Decoder, DecoderConfig, ResnetBlock};
 pub use encoder::{
-    BasicBlock, Codes, Convolutional, Encoder, EncoderConfig, Local, LocalFeatures, Resnet18, Resnet18Features,
+    BasicBlock, Codes, Convolutional, ConvolutionalBn, Encoder, EncoderConfig, Local, LocalFeatures,
+    NormalisedConvolution, Resnet18, Resnet18Features,
 };
 pub use error::RecordError;
 pub use fused::FusedDecoder;

@@ -14,7 +14,7 @@ use cubecl::prelude::*;
 use kernel::FOUND_COLUMNS;
 use network::RAY_COLUMNS;
 pub use plan::Root;
-use plan::{DecoderShape, Search};
+use plan::{Condition, DecoderShape, Search};
 
 /// Parameters of a residual decoder on a GPU, as they are packed for the kernel.
 #[derive(Clone, Debug)]
@@ -22,7 +22,8 @@ pub struct PackedDecoder {
     /// Layer after layer its weights `[inputs, outputs]`, row by row, then its biases; of the last layer the first
     /// column alone.
     pub weights: Tensor<1>,
-    /// What each block adds of the codes of the objects, `[blocks * objects, hidden]`; `None` without codes.
+    /// What the layer before each block is given of the codes of the objects, `[blocks * objects, hidden]`, to be added; twice as
+    /// wide where the second half, plus one, multiplies the layer first. `None` without codes.
     pub conditions: Option<Tensor<2>>,
     /// Width of the hidden layers.
     pub hidden: usize,
@@ -123,7 +124,11 @@ impl PackedDecoder {
             hidden: self.hidden,
             blocks: self.blocks,
             octaves: self.octaves,
-            conditioned: self.conditions.is_some(),
+            condition: match &self.conditions {
+                None => Condition::None,
+                Some(conditions) if conditions.dims()[1] == 2 * self.hidden => Condition::ShiftAndScale,
+                Some(_) => Condition::Shift,
+            },
             units,
             slots,
         };

@@ -8,7 +8,7 @@
 
 use cubecl::prelude::*;
 
-use super::plan::DecoderShape;
+use super::plan::{Condition, DecoderShape};
 
 /// Numbers per ray in the kernels' table of rays: origin, direction, entry, exit, jitter, object.
 pub(super) const RAY_COLUMNS: usize = 10;
@@ -68,8 +68,8 @@ pub(super) fn evaluate(
     let first_block = comptime!((shape.features() + 1) * hidden);
     let layer = comptime!((hidden + 1) * hidden);
     for block in 0..comptime!(shape.blocks) {
-        if comptime!(shape.conditioned) {
-            add_condition(tile, conditions, block * objects as usize, &mut net, shape);
+        if comptime!(shape.condition != Condition::None) {
+            condition(tile, conditions, block * objects as usize, &mut net, shape);
         }
         rectify(&net, &mut tile.inputs, 0.0f32, shape);
         sync_cube();
@@ -186,9 +186,10 @@ fn rectify(values: &Array<Quad>, inputs: &mut Shared<[Quad]>, leak: f32, #[compt
     }
 }
 
-/// Adds what a block is given of each point's code: row `first + object` of `conditions [blocks * objects, hidden]`.
+/// Puts the layer before a block under the condition of each point's code: row `first + object` of `conditions`, whose first
+/// `hidden` numbers are added; further ones, plus one, multiply first.
 #[cube]
-fn add_condition(
+fn condition(
     tile: &mut Tile,
     conditions: &[f32],
     first: usize,
@@ -203,13 +204,19 @@ fn add_condition(
         if column < hidden {
             #[unroll]
             for q in 0..quads {
-                let mut given = Quad::zeroed();
+                let mut shift = Quad::zeroed();
+                let mut scale = Quad::new(1.0f32);
                 #[unroll]
                 for lane in 0..4usize {
                     let row = first + tile.objects[4 * q + lane] as usize;
-                    given.insert(lane, conditions[row * hidden + column]);
+                    if comptime!(shape.condition == Condition::ShiftAndScale) {
+                        shift.insert(lane, conditions[2 * row * hidden + column]);
+                        scale.insert(lane, 1.0f32 + conditions[(2 * row + 1) * hidden + column]);
+                    } else {
+                        shift.insert(lane, conditions[row * hidden + column]);
+                    }
                 }
-                net[c * quads + q] += given;
+                net[c * quads + q] = net[c * quads + q] * scale + shift;
             }
         }
     }

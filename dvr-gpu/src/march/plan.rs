@@ -9,12 +9,23 @@ pub(crate) struct DecoderShape {
     pub blocks: usize,
     /// Octaves of the encoding of points.
     pub octaves: usize,
-    /// Whether blocks are given something of their object's code.
-    pub conditioned: bool,
+    /// What the layer before a block is given of its object's code.
+    pub condition: Condition,
     /// Units of a group.
     pub units: usize,
     /// Points that a group evaluates at once, one of each ray that it has in flight; a multiple of four.
     pub slots: usize,
+}
+
+/// What a layer is given of a code.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(crate) enum Condition {
+    /// Nothing.
+    None,
+    /// A number for each unit, which is added.
+    Shift,
+    /// And another one, which, plus one, multiplies the unit first.
+    ShiftAndScale,
 }
 
 impl DecoderShape {

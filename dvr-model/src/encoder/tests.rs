@@ -28,6 +28,9 @@ fn every_kind_makes_a_code_a_row() {
     let kinds = [
         (EncoderConfig::Resnet18 { image_size: 32 }, 32),
         (EncoderConfig::Convolutional { image_size: 63, width: 2 }, 63),
+        (EncoderConfig::ConvolutionalBn { image_size: 64, width: 2 }, 64),
+        (EncoderConfig::ConvolutionalBn { image_size: 100, width: 2 }, 100),
+        (EncoderConfig::ConvolutionalBn { image_size: 16, width: 2 }, 16),
         (EncoderConfig::Codes { objects: 5 }, 16),
     ];
     for (config, size) in kinds {
@@ -87,8 +90,46 @@ fn a_record_taken_right_after_a_step_holds_that_steps_statistics() {
 }
 
 #[test]
+fn the_small_encoder_normalises_by_the_batch_in_training_and_by_what_it_has_seen_in_prediction() {
+    let tracking = Device::flex().autodiff();
+    let encoder = ConvolutionalBn::new(2, 4, &tracking);
+    let two = images(2, 64, &tracking);
+    let first = two.clone().narrow(0, 0, 1);
+    let [alone, together] = [first.clone(), two.clone()].map(|batch| encoder.forward(batch).narrow(0, 0, 1));
+    assert!(values((alone - together.clone()).abs().max()) > [1e-3].to_vec());
+    // What has seen a batch often takes it as training does, all at once or one by one.
+    for _ in 0..60 {
+        encoder.forward(two.clone());
+    }
+    let frozen = encoder.valid();
+    let record = encoder.into_record().into_bytes().unwrap();
+    let read =
+        ConvolutionalBn::new(2, 4, &tracking).try_load_record(ModuleRecord::from_bytes(record).unwrap()).unwrap();
+    for encoder in [frozen, read.valid()] {
+        let code = values(encoder.forward(first.clone().without_autodiff()));
+        for (found, expected) in code.iter().zip(values(together.clone())) {
+            assert!((found - expected).abs() < 0.05 * expected.abs().max(0.5), "{found} {expected}");
+        }
+    }
+}
+
+#[test]
+fn where_an_object_stands_in_the_picture_changes_the_small_encoder_s_code() {
+    let device = Device::flex();
+    let encoder = ConvolutionalBn::new(4, 4, &device);
+    let square = |left: usize| {
+        let white = Tensor::<4>::ones([1, 3, 64, 64], &device);
+        white.slice_assign([0..1, 0..3, 16..32, left..left + 16], Tensor::zeros([1, 3, 16, 16], &device))
+    };
+    let [left, right] = [square(0), square(32)].map(|image| values(encoder.forward(image)));
+    assert!(left.iter().zip(&right).any(|(a, b)| (a - b).abs() > 1e-3), "{left:?} {right:?}");
+}
+
+#[test]
 fn configurations_read_like_json_with_defaults() {
     let read = |json: &str| serde_json::from_str::<EncoderConfig>(json);
+    let normalised = EncoderConfig::ConvolutionalBn { image_size: 64, width: 32 };
+    assert_eq!(read(r#"{"kind": "convolutional-bn"}"#).unwrap(), normalised);
     assert_eq!(read(r#"{"kind": "resnet18"}"#).unwrap(), EncoderConfig::default());
     let small = EncoderConfig::Convolutional { image_size: 64, width: 32 };
     assert_eq!(read(r#"{"kind": "convolutional", "image_size": 64}"#).unwrap(), small);

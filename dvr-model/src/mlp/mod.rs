@@ -19,16 +19,25 @@ use tile::{Forward, Tile};
 
 /// A residual network, packed for tiles.
 ///
-/// `net = input(features(p))`; a block is `net + second(relu(first(relu(net))))`; the values are
-/// `output(activation(net))`, where the last activation is a leaky ReLU. `features` are the coordinates and, for `k <
-/// octaves`, `sin(2^k pi p)` and `cos(2^k pi p)`.
+/// `net = input(features(p))`; a block is `net + second(relu(first(relu(net))))`, before which a latent code may scale and
+/// shift `net`; the values are `output(activation(net))`, where the last activation is a leaky ReLU. `features` are the
+/// coordinates and, for `k < octaves`, `sin(2^k pi p)` and `cos(2^k pi p)`.
 #[derive(Clone, Debug)]
 pub struct ResidualMlp {
     input: Dense,
     blocks: Vec<[Dense; 2]>,
     output: Dense,
+    /// What is done before each block, where something is.
+    modulations: Vec<Modulation>,
     octaves: usize,
     leak: f32,
+}
+
+/// `net = scale net + shift`, unit by unit.
+#[derive(Clone, Debug)]
+struct Modulation {
+    scale: Vec<f32>,
+    shift: Vec<f32>,
 }
 
 /// Panels that go through the layers together: enough to read each weight rarely, few enough for the cache.
@@ -59,24 +68,33 @@ impl ResidualMlp {
             input: Dense::new(input),
             blocks: blocks.iter().map(|block| block.map(Dense::new)).collect(),
             output: Dense::new(output),
+            modulations: Vec::new(),
             octaves,
             leak,
         }
     }
 
-    /// The network for one latent code: `shifts[i]`, one number per hidden unit, is added to `net` before block `i`. The
-    /// weights are shared, so that a network for each of many objects costs little.
+    /// The network for one latent code: `conditions[i]`, one number per hidden unit, is added to `net` before block `i`; where
+    /// there are twice as many, the second half, plus one, multiplies it first. The weights are shared, so that a network for
+    /// each of many objects costs little.
     ///
     /// # Panics
-    /// When there are more shifts than blocks, or they have another length than the hidden layers.
+    /// When there are more conditions than blocks, or they have another length than the hidden layers, or twice it.
     #[must_use]
-    pub fn shifted(&self, shifts: &[Vec<f32>]) -> Self {
-        assert!(shifts.len() <= self.blocks.len(), "{} shifts for {} blocks", shifts.len(), self.blocks.len());
+    pub fn conditioned(&self, conditions: &[&[f32]]) -> Self {
+        let (count, hidden) = (conditions.len(), self.input.outputs());
+        assert!(count <= self.blocks.len(), "{count} conditions for {} blocks", self.blocks.len());
         let mut network = self.clone();
-        for (i, shift) in shifts.iter().enumerate() {
+        for (i, condition) in conditions.iter().enumerate() {
+            if condition.len() == 2 * hidden {
+                let (shift, scale) = condition.split_at(hidden);
+                let scale = scale.iter().map(|scale| 1.0 + scale).collect();
+                network.modulations.push(Modulation { scale, shift: shift.to_vec() });
+                continue;
+            }
             // The sum before a block is what the layer before it leaves.
             let layer = if i == 0 { &mut network.input } else { &mut network.blocks[i - 1][1] };
-            layer.shift(shift);
+            layer.shift(condition);
         }
         network
     }
@@ -142,6 +160,7 @@ impl ResidualMlp {
             input: &self.input,
             blocks: &self.blocks,
             output: &self.output,
+            modulations: &self.modulations,
             leak: self.leak,
             tangents,
             tile,

@@ -42,8 +42,9 @@ impl Plain {
         bias.iter().enumerate().map(|(o, b)| f64::from(*b) + sum(o)).collect()
     }
 
-    /// `shifts` are added before each block.
-    fn evaluate(&self, point: DVec3, shifts: &[Vec<f32>]) -> Vec<f64> {
+    /// Before each block the first half of its condition is added, after the second, plus one, has multiplied; a condition
+    /// that is as wide as the layer is added alone.
+    fn evaluate(&self, point: DVec3, conditions: &[&[f32]]) -> Vec<f64> {
         let point = point.to_array();
         let mut features = point.to_vec();
         for k in 0..self.octaves {
@@ -56,7 +57,9 @@ impl Plain {
         let add = |a: &mut Vec<f64>, b: &[f64]| a.iter_mut().zip(b).for_each(|(a, b)| *a += b);
         let mut net = self.linear(0, &features);
         for block in 0..(self.layers.len() - 2) / 2 {
-            if let Some(shift) = shifts.get(block) {
+            if let Some(condition) = conditions.get(block) {
+                let (shift, scale) = condition.split_at(net.len());
+                net.iter_mut().zip(scale).for_each(|(net, &scale)| *net *= 1.0 + f64::from(scale));
                 add(&mut net, &shift.iter().map(|&s| f64::from(s)).collect::<Vec<_>>());
             }
             let inner = self.linear(1 + 2 * block, &relu(&net, 0.0));
@@ -93,15 +96,28 @@ fn tiles_give_what_the_layers_give_one_point_at_a_time() {
 }
 
 #[test]
-fn a_shift_is_added_before_its_block() {
+fn a_condition_is_added_before_its_block_and_one_twice_as_long_scales_too() {
     let plain = Plain::random(20, 3, 4, 2, 0.0);
-    let shifts: Vec<Vec<f32>> = (0..3).map(|i| (0..20).map(|j| ((i * 20 + j) as f32).sin()).collect()).collect();
-    let (network, points) = (plain.packed(), points(10));
-    let mut values = vec![0.0; 4 * points.len()];
-    network.shifted(&shifts).evaluate(&points, 4, &mut values);
-    for (point, values) in points.iter().zip(values.chunks(4)) {
-        for (value, expected) in values.iter().zip(plain.evaluate(point.as_dvec3(), &shifts)) {
-            assert!((f64::from(*value) - expected).abs() < 2e-5);
+    for numbers in [20, 40] {
+        let condition = |i: usize| -> Vec<f32> { (0..numbers).map(|j| ((i * numbers + j) as f32).sin()).collect() };
+        let conditions: Vec<Vec<f32>> = (0..3).map(condition).collect();
+        let conditions: Vec<&[f32]> = conditions.iter().map(Vec::as_slice).collect();
+        let (network, points) = (plain.packed().conditioned(&conditions), points(10));
+        let mut values = vec![0.0; 4 * points.len()];
+        network.evaluate(&points, 4, &mut values);
+        let slopes = network.value_and_gradient(&points);
+        for ((point, values), (value, gradient)) in points.iter().zip(values.chunks(4)).zip(slopes) {
+            let point = point.as_dvec3();
+            let expected = plain.evaluate(point, &conditions);
+            for (value, expected) in values.iter().zip(&expected) {
+                assert!((f64::from(*value) - expected).abs() < 5e-5 * expected.abs().max(1.0), "{value} {expected}");
+            }
+            assert!((value - values[0]).abs() < 1e-4 * value.abs().max(1.0));
+            for axis in 0..3 {
+                let at = |step: f64| plain.evaluate(point + step * DVec3::AXES[axis], &conditions)[0];
+                let expected = (at(1e-7) - at(-1e-7)) / 2e-7;
+                assert!((f64::from(gradient[axis]) - expected).abs() < 1e-3 * expected.abs().max(1.0), "{expected}");
+            }
         }
     }
 }

@@ -2,6 +2,7 @@
 
 use pulp::{Simd, WithSimd};
 
+use super::Modulation;
 use super::dense::{BLOCK, Dense};
 
 /// Vector registers along a row of a panel: three, with four or eight rows, fill the 16 or 32 registers of a core.
@@ -78,6 +79,8 @@ pub(super) struct Forward<'a> {
     pub input: &'a Dense,
     pub blocks: &'a [[Dense; 2]],
     pub output: &'a Dense,
+    /// One before each block, or none.
+    pub modulations: &'a [Modulation],
     /// Slope of the last activation below zero.
     pub leak: f32,
     /// Whether the panels after the first hold derivatives of the first.
@@ -98,11 +101,14 @@ impl WithSimd for Forward<'_> {
 impl Forward<'_> {
     #[inline(always)]
     fn run<S: Simd, const ROWS: usize>(self, simd: S) {
-        let Self { input, blocks, output, leak, tangents, tile } = self;
+        let Self { input, blocks, output, modulations, leak, tangents, tile } = self;
         let Tile { panels, features, net, active, inner, output: out } = tile;
         let layer = Layer { simd, panels: *panels, tangents };
         layer.multiply::<ROWS>(input, features, net, false);
-        for [first, second] in blocks {
+        for (i, [first, second]) in blocks.iter().enumerate() {
+            if let Some(modulation) = modulations.get(i) {
+                layer.modulate(modulation, net);
+            }
             layer.activate(net, active, 0.0);
             layer.multiply::<ROWS>(first, active, inner, false);
             layer.activate(inner, active, 0.0);
@@ -166,6 +172,21 @@ impl<S: Simd> Layer<S> {
             }
         }
         sums
+    }
+
+    /// `net = scale net + shift`; derivatives are scaled alone.
+    #[inline(always)]
+    fn modulate(self, modulation: &Modulation, net: &mut Rows) {
+        for panel in 0..self.panels {
+            let shifted = panel == 0 || !self.tangents;
+            let (net, _) = S::as_mut_simd_f32s(net.panel_mut(panel));
+            let units = modulation.scale.iter().zip(&modulation.shift);
+            for ((scale, shift), net) in units.zip(net.chunks_exact_mut(VECTORS)) {
+                let scale = self.simd.splat_f32s(*scale);
+                let shift = self.simd.splat_f32s(if shifted { *shift } else { 0.0 });
+                net.iter_mut().for_each(|net| *net = self.simd.mul_add_e_f32s(*net, scale, shift));
+            }
+        }
     }
 
     /// `target = max(source, leak source)`; derivatives pass where the value is positive.

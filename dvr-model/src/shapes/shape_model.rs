@@ -39,6 +39,7 @@ impl ShapeModelConfig {
             EncoderConfig::Local { .. } => "local",
             EncoderConfig::Resnet18 { .. } => "resnet18",
             EncoderConfig::Convolutional { .. } => "convolutional",
+            EncoderConfig::ConvolutionalBn { .. } => "convolutional-bn",
             EncoderConfig::Codes { .. } => "codes",
         };
         if takes_places != (kind == "local") {
@@ -62,7 +63,7 @@ impl ShapeModelConfig {
         let encoder = self.encoder.init(self.code_dim, device);
         let channels = match &encoder {
             Encoder::Local(local) => local.channels(),
-            Encoder::Resnet18(_) | Encoder::Convolutional(_) | Encoder::Codes(_) => 0,
+            Encoder::Resnet18(_) | Encoder::Convolutional(_) | Encoder::ConvolutionalBn(_) | Encoder::Codes(_) => 0,
         };
         ShapeModel { encoder, decoder: self.decoder.init(self.code_dim, channels, device) }
     }

@@ -99,7 +99,7 @@ pub(crate) fn system_step_bytes(config: &SystemConfig) -> u64 {
 fn image_bytes(encoder: &EncoderConfig) -> f64 {
     match encoder {
         EncoderConfig::Resnet18 { image_size } => RESNET_BYTES_PER_PIXEL * (image_size * image_size) as f64,
-        EncoderConfig::Convolutional { image_size, width } => {
+        EncoderConfig::Convolutional { image_size, width } | EncoderConfig::ConvolutionalBn { image_size, width } => {
             CONVOLUTIONAL_BYTES_PER_PIXEL * (width * image_size * image_size) as f64
         }
         // Five layers of the plane, at half the picture's size, beside the convolutions.
@@ -132,7 +132,9 @@ fn objects_step(config: &ObjectsConfig) -> f64 {
     let matches = NUMBER * objects * objects * points as f64;
     let weights = match &config.encoder {
         EncoderConfig::Resnet18 { .. } => 11.3e6,
-        EncoderConfig::Convolutional { width, .. } => 1600.0 * (width * width) as f64,
+        EncoderConfig::Convolutional { width, .. } | EncoderConfig::ConvolutionalBn { width, .. } => {
+            1600.0 * (width * width) as f64
+        }
         EncoderConfig::Local { width, channels, .. } => {
             1600.0 * (width * width) as f64 + 9.0 * (channels * channels) as f64
         }
@@ -145,7 +147,10 @@ fn objects_step(config: &ObjectsConfig) -> f64 {
             let plane = 0.25 * (image_size * image_size) as f64;
             objects * hidden * (2.0 * plane + ALIGNED_LAYERS * points as f64)
         }
-        EncoderConfig::Resnet18 { .. } | EncoderConfig::Convolutional { .. } | EncoderConfig::Codes { .. } => 0.0,
+        EncoderConfig::Resnet18 { .. }
+        | EncoderConfig::Convolutional { .. }
+        | EncoderConfig::ConvolutionalBn { .. }
+        | EncoderConfig::Codes { .. } => 0.0,
     };
     let images = image_bytes(&config.encoder);
     aligned + of_targets + matches + objects * images + NUMBER * PARAMETER_COPIES * weights + parameters(&train.model)

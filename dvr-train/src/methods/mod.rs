@@ -25,6 +25,7 @@ use dvr_core::Supervision;
 
 use crate::error::{Error, Result};
 use crate::methods::systems::SystemMethod;
+use crate::objects::ObjectsConfig;
 use crate::objects::systems::config::System;
 use crate::run::checkpoint::Checkpoint;
 use method::Method;
@@ -108,7 +109,12 @@ pub fn method_by_name(name: &str, supervision: impl Into<Option<Supervision>>) -
 /// # Errors
 /// When there is no method of that name, or it does not take the configuration.
 pub fn method_of(record: &MethodRecord) -> Result<Box<dyn Method>> {
-    method_by_name(&record.method, None)?.with_overrides(&record.config)
+    let method = method_by_name(&record.method, None)?;
+    let is_of_objects = record.config.get("encoder").is_some() && record.config.get("model").is_some();
+    if is_of_objects {
+        return method.with_overrides(&ObjectsConfig::completed(&record.config));
+    }
+    method.with_overrides(&record.config)
 }
 
 /// The field that a checkpoint holds.

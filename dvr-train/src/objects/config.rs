@@ -54,7 +54,7 @@ pub struct ObjectsConfig {
     #[serde(default)]
     pub hull_depth: f64,
     /// With pictures: weight of the cross entropy against the occupancy of the visual hull of all masks, and with depth maps of
-    /// what these leave of it, at `points` of each object a step; half of them where the hull ends. 0 leaves it out.
+    /// what these leave of it, at `points` of each object a step; a third of them near where the hull ends. 0 leaves it out.
     #[serde(default)]
     pub hull_occupancy: f64,
     /// Whether objects are learned from as their mirror images too, and seen so: a shape is then what a picture and the same one
@@ -80,31 +80,41 @@ impl ObjectsConfig {
     /// Defaults for a kind of supervision: of a size that two cores can train in a quarter of an hour on some hundred
     /// objects.
     ///
-    /// A ResNet-18 takes four times as long a step as all the rest. Two octaves, not the four of a single scene:
-    /// without a hull to start from, four leave noise in space that no ray has cleared.
+    /// A ResNet-18 takes many times as long a step as all the rest. Two octaves, not the four of a single scene:
+    /// without a hull to start from, four leave noise in space that no ray has cleared. With pictures, points of hulls tell of all
+    /// space, and few rays are left to tell of surfaces and colours.
     pub fn new(supervision: Supervision) -> Self {
         let base = TrainConfig::new(supervision);
+        let knows_shapes = supervision == Supervision::Occupancy;
+        let mut losses = base.losses.clone();
+        if supervision == Supervision::Rgb {
+            // Beside the weight of points.
+            (losses.detached_color, losses.normal) = (12.0, 0.5);
+        }
         Self {
-            encoder: EncoderConfig::Convolutional { image_size: 64, width: 32 },
+            encoder: EncoderConfig::ConvolutionalBn { image_size: 64, width: 32 },
             pretrained: None,
-            objects: 16,
+            objects: 32,
             views: 1,
             one_view: false,
             hull_depth: 10.0,
-            hull_occupancy: 0.0,
-            mirror: Mirror::Off,
-            points: 512,
-            box_share: if supervision == Supervision::Occupancy { BOX_SHARE } else { 0.0 },
-            threshold: if supervision == Supervision::Occupancy { ONET_THRESHOLD } else { half() },
+            hull_occupancy: 100.0,
+            mirror: Mirror::Auto,
+            points: if knows_shapes { 256 } else { 128 },
+            box_share: if knows_shapes { BOX_SHARE } else { 0.0 },
+            threshold: if knows_shapes { ONET_THRESHOLD } else { half() },
             validate_objects: 40,
             train: TrainConfig {
-                steps: 9000,
-                model: DecoderConfig::new().with_code_dim(128).with_blocks(3).with_octaves(2),
+                steps: 4000,
+                model: DecoderConfig::new().with_code_dim(128).with_blocks(3).with_octaves(2).with_film(true),
                 hull: no_hull(&base),
-                rays: 64,
+                rays: 16,
                 march: vec![MarchStage { from_percent: 0, samples: 16 }],
-                learning_rate: 1e-3,
-                milestones_percent: vec![55, 80],
+                losses,
+                learning_rate: 2e-3,
+                // Nearly half a cosine.
+                milestones_percent: vec![40, 60, 75, 85, 93],
+                learning_rate_factor: 0.5,
                 hold_out_every: 0,
                 validate_every: 600,
                 checkpoint_every: 300,
@@ -161,7 +171,22 @@ impl ObjectsConfig {
     /// When the record holds another version's configuration.
     pub fn of_record(record: &MethodRecord) -> Result<Option<Self>> {
         let is_of_objects = record.config.get("encoder").is_some();
-        is_of_objects.then(|| Self::new(Supervision::default()).overridden(&record.config)).transpose()
+        let read = || Self::new(Supervision::default()).overridden(&Self::completed(&record.config));
+        is_of_objects.then(read).transpose()
+    }
+
+    /// A recorded configuration with what it says nothing of, where it is older than these keys: they were not there then.
+    pub(crate) fn completed(recorded: &Value) -> Value {
+        let mut config = recorded.clone();
+        let mut complete = |pointer: &str, key: &str, value: Value| {
+            if let Some(keys) = config.pointer_mut(pointer).and_then(Value::as_object_mut) {
+                keys.entry(key).or_insert(value);
+            }
+        };
+        complete("/model", "film", false.into());
+        complete("", "hull_occupancy", 0.into());
+        complete("", "mirror", "off".into());
+        config
     }
 
     /// The logit of the occupancy at which the surface lies.
@@ -261,6 +286,21 @@ mod tests {
             assert!(value.get("hold_out_every").is_none() && value["hull"].get("bound_rays").is_none());
             assert_eq!(ObjectsConfig::new(Supervision::Rgb).overridden(&value).unwrap(), config);
         }
+    }
+
+    #[test]
+    fn files_that_know_nothing_of_later_keys_keep_the_network_that_they_hold() {
+        let mut config = ObjectsConfig::new(Supervision::Rgb).to_value().unwrap();
+        config["model"].as_object_mut().unwrap().remove("film");
+        for key in ["mirror", "hull_occupancy"] {
+            config.as_object_mut().unwrap().remove(key);
+        }
+        let record = MethodRecord { method: "objects".into(), config };
+        let read = ObjectsConfig::of_record(&record).unwrap().unwrap();
+        assert!(!read.train.model.film && read.mirror == Mirror::Off && read.hull_occupancy == 0.0);
+        let config = ObjectsConfig::new(Supervision::Depth).to_value().unwrap();
+        let record = MethodRecord { method: "objects".into(), config };
+        assert!(ObjectsConfig::of_record(&record).unwrap().unwrap().train.model.film);
     }
 
     #[test]

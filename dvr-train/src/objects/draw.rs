@@ -232,8 +232,8 @@ impl BatchDrawer {
     }
 }
 
-/// Share of the points of a visual hull that are drawn where it ends, the others anywhere in the cube.
-const NEAR_SHARE: f64 = 0.5;
+/// Share of the points of a visual hull that are drawn near where it ends, the others anywhere in the cube.
+const NEAR_SHARE: f64 = 0.3;
 
 /// The box of an object is padded by this share of its longest edge on each side, as Occupancy Networks pad the cube.
 const PADDING: f32 = 0.05;

@@ -70,6 +70,7 @@ fn open(root: &Path) -> Arc<ObjectDataset> {
 pub(super) fn small(supervision: Supervision) -> ObjectsConfig {
     let mut config = ObjectsConfig::new(supervision);
     config.encoder = EncoderConfig::Convolutional { image_size: 63, width: 2 };
+    (config.hull_occupancy, config.mirror) = (0.0, Mirror::Off);
     (config.objects, config.points, config.validate_objects) = (4, 32, 2);
     (config.train.rays, config.train.steps) = (16, 6);
     config.train.march = vec![MarchStage { from_percent: 0, samples: 8 }];

@@ -113,6 +113,7 @@ fn first_layer(encoder: &Encoder) -> Param<Tensor<4>> {
     match encoder {
         Encoder::Resnet18(encoder) => encoder.features.conv1.weight.clone(),
         Encoder::Convolutional(encoder) => encoder.conv0.weight.clone(),
+        Encoder::ConvolutionalBn(encoder) => encoder.layers[0].conv.weight.clone(),
         Encoder::Local(encoder) => encoder.convolutional.conv0.weight.clone(),
         Encoder::Codes(_) => unreachable!("has no layers"),
     }
@@ -130,6 +131,10 @@ fn moved(encoder: &Encoder, direction: &Tensor<4>, step: f64) -> Encoder {
             encoder.conv0.weight = add(encoder.conv0.weight);
             Encoder::Convolutional(encoder)
         }
+        Encoder::ConvolutionalBn(mut encoder) => {
+            encoder.layers[0].conv.weight = add(encoder.layers[0].conv.weight);
+            Encoder::ConvolutionalBn(encoder)
+        }
         Encoder::Local(mut encoder) => {
             encoder.convolutional.conv0.weight = add(encoder.convolutional.conv0.weight);
             Encoder::Local(encoder)
@@ -145,6 +150,7 @@ fn the_gradient_of_depth_for_the_first_convolution_equals_differences_of_encoder
     // which a ResNet has many.
     let kinds = [
         (EncoderConfig::Convolutional { image_size: 63, width: 2 }, 63, 2.0, 1e-7),
+        (EncoderConfig::ConvolutionalBn { image_size: 64, width: 2 }, 64, 2.0, 3e-9),
         (EncoderConfig::Local { image_size: 63, width: 2, channels: 3 }, 63, 2.0, 1e-7),
         (EncoderConfig::Resnet18 { image_size: 64 }, 64, 0.05, 3e-9),
     ];

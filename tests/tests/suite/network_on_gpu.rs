@@ -161,11 +161,18 @@ fn the_kernel_and_tensors_on_the_device_find_what_tensors_on_the_cpu_find() {
 
 #[test_with(gpu)]
 fn rays_of_many_objects_meet_their_own_object_in_the_kernel() {
+    for film in [false, true] {
+        rays_of_three_objects_meet_their_own(film);
+    }
+}
+
+fn rays_of_three_objects_meet_their_own(film: bool) {
     let gpu = gpu();
     let flex = Device::flex();
     // Codes reach the field through projections that start at random; the rest was fitted to a ball.
     let mut decoder = fitted(&config(DecoderConfig::new().with_hidden(32), 0)).valid();
-    let projections = seeded(4, || DecoderConfig::new().with_hidden(32).with_code_dim(4).init(&flex).fc_c);
+    let projections =
+        seeded(4, || DecoderConfig::new().with_hidden(32).with_code_dim(4).with_film(film).init(&flex).fc_c);
     decoder.fc_c = projections.into_iter().map(|projection| Linear { bias: None, ..projection }).collect();
     let codes = |device: &Device| {
         tensor1(&[0.0, 0.1, 0.0, 0.0, 0.1, 0.0, -0.1, 0.0, 0.0, 0.0, 0.05, 0.1], device).reshape([3, 4])
@@ -179,7 +186,7 @@ fn rays_of_many_objects_meet_their_own_object_in_the_kernel() {
     let truth = TensorMarcher::new(decoder.with_codes(codes(&flex)), settings).march(&rays_of_three(&flex), None);
     let on_gpu: Conditioned = decoder.to_device(&gpu).with_codes(codes(&gpu));
     let ours = on_gpu.own_marcher(settings).expect("a kernel").march(&rays_of_three(&gpu), None);
-    assert_same_march(&ours, &truth, "three objects");
+    assert_same_march(&ours, &truth, &format!("three objects, scaled: {film}"));
 }
 
 /// All gradients of a module, one after the other.
