@@ -81,45 +81,57 @@ impl ObjectsConfig {
     /// objects.
     ///
     /// A ResNet-18 takes many times as long a step as all the rest. Two octaves, not the four of a single scene:
-    /// without a hull to start from, four leave noise in space that no ray has cleared. With pictures, points of hulls tell of all
-    /// space, and few rays are left to tell of surfaces and colours.
+    /// without a hull to start from, four leave noise in space that no ray has cleared.
     pub fn new(supervision: Supervision) -> Self {
         let base = TrainConfig::new(supervision);
         let knows_shapes = supervision == Supervision::Occupancy;
-        let mut losses = base.losses.clone();
-        if supervision == Supervision::Rgb {
-            // Beside the weight of points.
-            (losses.detached_color, losses.normal) = (12.0, 0.5);
-        }
-        Self {
-            encoder: EncoderConfig::ConvolutionalBn { image_size: 64, width: 32 },
+        let by_rays = Self {
+            encoder: EncoderConfig::Convolutional { image_size: 64, width: 32 },
             pretrained: None,
-            objects: 32,
+            objects: 16,
             views: 1,
             one_view: false,
             hull_depth: 10.0,
-            hull_occupancy: 100.0,
-            mirror: Mirror::Auto,
-            points: if knows_shapes { 256 } else { 128 },
+            hull_occupancy: 0.0,
+            mirror: Mirror::Off,
+            points: 512,
             box_share: if knows_shapes { BOX_SHARE } else { 0.0 },
             threshold: if knows_shapes { ONET_THRESHOLD } else { half() },
             validate_objects: 40,
             train: TrainConfig {
-                steps: 4000,
-                model: DecoderConfig::new().with_code_dim(128).with_blocks(3).with_octaves(2).with_film(true),
+                steps: 9000,
+                model: DecoderConfig::new().with_code_dim(128).with_blocks(3).with_octaves(2),
                 hull: no_hull(&base),
-                rays: 16,
+                rays: 64,
                 march: vec![MarchStage { from_percent: 0, samples: 16 }],
-                losses,
-                learning_rate: 2e-3,
-                // Nearly half a cosine.
-                milestones_percent: vec![40, 60, 75, 85, 93],
-                learning_rate_factor: 0.5,
+                learning_rate: 1e-3,
+                milestones_percent: vec![55, 80],
                 hold_out_every: 0,
                 validate_every: 600,
                 checkpoint_every: 300,
                 ..base
             },
+        };
+        if supervision == Supervision::Rgb { by_rays.by_points() } else { by_rays }
+    }
+
+    /// The same, learned by points of visual hulls, with few rays for surfaces and colours.
+    fn by_points(self) -> Self {
+        let mut train = self.train;
+        train.model.film = true;
+        (train.steps, train.rays, train.learning_rate) = (4000, 16, 2e-3);
+        // Nearly half a cosine.
+        (train.milestones_percent, train.learning_rate_factor) = (vec![40, 60, 75, 85, 93], 0.5);
+        // Beside the weight of points.
+        (train.losses.detached_color, train.losses.normal) = (12.0, 0.5);
+        Self {
+            encoder: EncoderConfig::ConvolutionalBn { image_size: 64, width: 32 },
+            objects: 32,
+            hull_occupancy: 100.0,
+            mirror: Mirror::Auto,
+            points: 128,
+            train,
+            ..self
         }
     }
 
@@ -298,7 +310,7 @@ mod tests {
         let record = MethodRecord { method: "objects".into(), config };
         let read = ObjectsConfig::of_record(&record).unwrap().unwrap();
         assert!(!read.train.model.film && read.mirror == Mirror::Off && read.hull_occupancy == 0.0);
-        let config = ObjectsConfig::new(Supervision::Depth).to_value().unwrap();
+        let config = ObjectsConfig::new(Supervision::Rgb).to_value().unwrap();
         let record = MethodRecord { method: "objects".into(), config };
         assert!(ObjectsConfig::of_record(&record).unwrap().unwrap().train.model.film);
     }

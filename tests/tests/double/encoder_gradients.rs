@@ -52,6 +52,10 @@ impl Setup {
                 encoder.fc_out = near(encoder.fc_out);
                 Encoder::Convolutional(encoder)
             }
+            Encoder::ConvolutionalBn(mut encoder) => {
+                encoder.fc = near(encoder.fc);
+                Encoder::ConvolutionalBn(encoder)
+            }
             Encoder::Local(mut encoder) => {
                 encoder.convolutional.fc_out = near(encoder.convolutional.fc_out);
                 Encoder::Local(encoder)
@@ -132,7 +136,7 @@ fn moved(encoder: &Encoder, direction: &Tensor<4>, step: f64) -> Encoder {
             Encoder::Convolutional(encoder)
         }
         Encoder::ConvolutionalBn(mut encoder) => {
-            encoder.layers[0].conv.weight = add(encoder.layers[0].conv.weight);
+            encoder.layers[0].conv.weight = add(encoder.layers[0].conv.weight.clone());
             Encoder::ConvolutionalBn(encoder)
         }
         Encoder::Local(mut encoder) => {
@@ -150,7 +154,7 @@ fn the_gradient_of_depth_for_the_first_convolution_equals_differences_of_encoder
     // which a ResNet has many.
     let kinds = [
         (EncoderConfig::Convolutional { image_size: 63, width: 2 }, 63, 2.0, 1e-7),
-        (EncoderConfig::ConvolutionalBn { image_size: 64, width: 2 }, 64, 2.0, 3e-9),
+        (EncoderConfig::ConvolutionalBn { image_size: 64, width: 2 }, 64, 0.05, 3e-9),
         (EncoderConfig::Local { image_size: 63, width: 2, channels: 3 }, 63, 2.0, 1e-7),
         (EncoderConfig::Resnet18 { image_size: 64 }, 64, 0.05, 3e-9),
     ];
