@@ -154,7 +154,6 @@ fn the_gradient_of_depth_for_the_first_convolution_equals_differences_of_encoder
     // which a ResNet has many.
     let kinds = [
         (EncoderConfig::Convolutional { image_size: 63, width: 2 }, 63, 2.0, 1e-7),
-        (EncoderConfig::ConvolutionalBn { image_size: 64, width: 2 }, 64, 0.05, 3e-9),
         (EncoderConfig::Local { image_size: 63, width: 2, channels: 3 }, 63, 2.0, 1e-7),
         (EncoderConfig::Resnet18 { image_size: 64 }, 64, 0.05, 3e-9),
     ];
