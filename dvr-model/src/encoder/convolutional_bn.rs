@@ -14,7 +14,7 @@ const PLACES: usize = 2;
 /// Five convolutions 3x3 of stride 2, each with a batch normalisation (Ioffe and Szegedy 2015) and a ReLU, their averages in the
 /// four quarters of the picture, and a linear layer to the code.
 ///
-/// As [`super::Convolutional`], but for the normalisation, the padding and the four places; it learns several times as fast.
+/// As [`super::Convolutional`], but for the normalisation, the padding and the four places.
 /// Where gradients are tracked, batch normalisation takes the batch's statistics and updates the running ones; elsewhere it takes
 /// the running ones.
 #[derive(Module, Debug)]

@@ -39,7 +39,7 @@ pub enum EncoderConfig {
         #[serde(default = "width")]
         width: usize,
     },
-    /// As large, with batch normalisation: it learns several times as fast, see [`ConvolutionalBn`].
+    /// As large, with batch normalisation, see [`ConvolutionalBn`].
     ConvolutionalBn {
         /// Side that images are resized to, pixels.
         #[serde(default = "small_image_size")]

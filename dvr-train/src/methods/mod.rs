@@ -109,12 +109,7 @@ pub fn method_by_name(name: &str, supervision: impl Into<Option<Supervision>>) -
 /// # Errors
 /// When there is no method of that name, or it does not take the configuration.
 pub fn method_of(record: &MethodRecord) -> Result<Box<dyn Method>> {
-    let method = method_by_name(&record.method, None)?;
-    let is_of_objects = record.config.get("encoder").is_some() && record.config.get("model").is_some();
-    if is_of_objects {
-        return method.with_overrides(&ObjectsConfig::completed(&record.config));
-    }
-    method.with_overrides(&record.config)
+    method_by_name(&record.method, None)?.with_overrides(&ObjectsConfig::completed(&record.config))
 }
 
 /// The field that a checkpoint holds.

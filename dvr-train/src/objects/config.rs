@@ -187,9 +187,13 @@ impl ObjectsConfig {
         is_of_objects.then(read).transpose()
     }
 
-    /// A recorded configuration with what it says nothing of, where it is older than these keys: they were not there then.
+    /// A recorded configuration with what it says nothing of, where it is older than these keys: they were not there then. That of
+    /// another kind of method stays as it is.
     pub(crate) fn completed(recorded: &Value) -> Value {
         let mut config = recorded.clone();
+        if config.get("encoder").is_none() || config.get("model").is_none() {
+            return config;
+        }
         let mut complete = |pointer: &str, key: &str, value: Value| {
             if let Some(keys) = config.pointer_mut(pointer).and_then(Value::as_object_mut) {
                 keys.entry(key).or_insert(value);

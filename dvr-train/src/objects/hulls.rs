@@ -268,8 +268,8 @@ mod tests {
     fn points_lie_in_the_middle_of_voxels_and_as_many_as_asked_where_the_hull_ends() {
         let hull = block([4, 10, 20], [9, 11, 30]);
         let mut rng = ChaCha8Rng::seed_from_u64(1);
-        let points = hull.draw_points(200, 300, &mut rng);
-        assert_eq!(points.len(), 500);
+        let points = hull.draw_points(1000, 300, &mut rng);
+        assert_eq!(points.len(), 1300);
         let inside = |point: &Vec3| {
             let voxel = hull.voxel_of(point.as_dvec3());
             assert!((hull.center(voxel) - *point).length() < 1e-6);
@@ -281,9 +281,9 @@ mod tests {
             // A block of two voxels' height has nothing but its border.
             (0..=13).contains(&x) && (6..=15).contains(&y) && (16..=31).contains(&z)
         };
-        assert!(points[..200].iter().all(near) && points[200..].iter().filter(|point| near(point)).count() < 50);
-        assert!(points[..200].iter().filter(|(_, inside)| *inside).count() > 10);
-        assert!(points[..200].iter().filter(|(_, inside)| !*inside).count() > 50);
+        assert!(points[..1000].iter().all(near) && points[1000..].iter().filter(|point| near(point)).count() < 30);
+        assert!(points[..1000].iter().filter(|(_, inside)| *inside).count() > 50);
+        assert!(points[..1000].iter().filter(|(_, inside)| !*inside).count() > 50);
     }
 
     #[test]
