@@ -9,7 +9,9 @@ use dvr_core::dataset::{ObjectDataset, ReadOptions};
 use dvr_core::{Cancellation, Split};
 use dvr_model::EncoderConfig;
 use dvr_report::SourceRun;
-use dvr_train::{Method, ObjectsMetrics, ObjectsTraining, RunFolder, Stop, finish_objects, train_objects};
+use dvr_train::{
+    Method, ObjectsMetrics, ObjectsTraining, RunFolder, Stop, finish_objects, settled_by_dataset, train_objects,
+};
 
 use super::dataset_of_run::options_of_run;
 use super::run_start::{RunStart, interrupted, run_options};
@@ -50,10 +52,11 @@ pub fn run(
     };
     let dataset = Arc::new(ObjectDataset::open(&root, options.clone())?);
     describe(&dataset, method, training);
+    let mut progress = Progress::new();
+    let method = &*settled_by_dataset(&dataset, method, start.resumed.as_ref(), &mut progress)?;
     let _writing = start.prepare(method)?;
     let (folder, resumed) = (&start.folder, start.resumed.as_ref());
     let options = run_options(args, folder, serde_json::to_value(options)?, device, cancellation)?;
-    let mut progress = Progress::new();
     let cpu = ProcessTime::now();
     let result = train_objects(&dataset, method, resumed, &options, &mut progress)?;
     let cpu_seconds = cpu.elapsed().as_secs_f64();

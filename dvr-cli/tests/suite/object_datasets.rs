@@ -281,7 +281,8 @@ fn a_pretrained_resnet_is_where_the_encoder_starts() {
     write_pytorch(&path, &Entry::tensors(features));
 
     let apart = |run: &str, more: &[&str]| {
-        let resnet = ["--set", "encoder={\"kind\":\"resnet18\",\"image_size\":32}", "--steps", "1", "--no-report"];
+        let resnet = ["--set", "encoder={\"kind\":\"resnet18\",\"image_size\":32}", "--set", "learning_rate=0.001"];
+        let resnet = [&resnet[..], &["--steps", "1", "--no-report"]].concat();
         succeeds(&corpus.train(run, &[&resnet[..], more].concat()));
         let exported = corpus.path("net.safetensors");
         succeeds(&dvr(&["export", text(&corpus.path(run).join("last.ckpt")), "--out", text(&exported), "--overwrite"]));

@@ -13,13 +13,12 @@ use dvr_render::{FieldShader, MeshShader};
 use image::RgbImage;
 use image::imageops::{FilterType, resize};
 use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
 
-use super::config::ObjectsConfig;
 use super::fields_task::FieldsTask;
 use super::mirror::Mirror;
 use super::model::{FieldsModel, render_settings, skip_grid};
 use super::object_model::ObjectModel;
-use super::systems::config::SystemConfig;
 use super::systems::model::SystemModel;
 use super::systems::task::SystemTask;
 use super::task::ObjectsTask;
@@ -86,6 +85,44 @@ const PREVIEW_GREY: [f32; 3] = [0.6; 3];
 /// Samples across the cube where a field is shown.
 const SAMPLES: usize = 128;
 
+/// The method with what its dataset decides: how many objects have codes, and in which mirror they are alike.
+///
+/// # Errors
+/// When the method cannot learn from objects, or its settings do not go together; when a run with codes is to go on with
+/// another number of objects.
+pub fn settled_by_dataset(
+    dataset: &ObjectDataset,
+    method: &dyn Method,
+    resume_from: Option<&Checkpoint>,
+    observer: &mut dyn Observer,
+) -> Result<Box<dyn Method>> {
+    method.check()?;
+    let training = method.objects().ok_or_else(|| Error::NeedsScene { method: method.name().to_owned() })?;
+    let mut found = Map::new();
+    if let EncoderConfig::Codes { .. } = training.encoder() {
+        let now = dataset.of_split(Split::Train).len();
+        if let Some(checkpoint) = resume_from
+            && let Some(before) = codes_of(&checkpoint.header.method)?
+            && before != now
+        {
+            return Err(Error::OtherObjects { before, now });
+        }
+        found.insert("encoder".to_owned(), value_of(&EncoderConfig::Codes { objects: now })?);
+    }
+    if let ObjectsTraining::Fields(config) = training
+        && config.mirror == Mirror::Auto
+    {
+        observer.phase("looking for the objects' mirror", 1);
+        found.insert("mirror".to_owned(), value_of(&config.found_mirror(dataset))?);
+        observer.progress(1, "");
+    }
+    method.with_overrides(&Value::Object(found))
+}
+
+fn value_of(setting: &impl Serialize) -> Result<Value> {
+    serde_json::to_value(setting).map_err(|e| Error::BadConfig { problem: e.to_string() })
+}
+
 /// Learns the objects of a dataset from where `resume_from` left them, or from the start.
 ///
 /// The step that explains the silhouettes of validation objects best stands for the run: shapes are what it is for, and
@@ -101,37 +138,13 @@ pub fn train_objects(
     options: &RunOptions,
     observer: &mut dyn Observer,
 ) -> Result<TrainedObjects> {
-    method.check()?;
+    let method = &*settled_by_dataset(dataset, method, resume_from, observer)?;
     let training = method.objects().ok_or_else(|| Error::NeedsScene { method: method.name().to_owned() })?;
-    let mut record = method.record()?;
     let start = Instant::now();
-    let mut encoder = training.encoder().clone();
-    if let EncoderConfig::Codes { objects } = &mut encoder {
-        *objects = dataset.of_split(Split::Train).len();
-        let now = *objects;
-        if let Some(checkpoint) = resume_from
-            && let Some(before) = codes_of(&checkpoint.header.method)?
-            && before != now
-        {
-            return Err(Error::OtherObjects { before, now });
-        }
-        record.config["encoder"] =
-            serde_json::to_value(&encoder).map_err(|e| Error::BadConfig { problem: e.to_string() })?;
-    }
-    let mut mirror = None;
-    if let ObjectsTraining::Fields(config) = &training
-        && config.mirror == Mirror::Auto
-    {
-        observer.phase("looking for the objects' mirror", 1);
-        let found = config.found_mirror(dataset);
-        record.config["mirror"] =
-            serde_json::to_value(found).map_err(|e| Error::BadConfig { problem: e.to_string() })?;
-        mirror = Some(found);
-    }
     observer.phase("reading validation objects", 1);
     let header = CheckpointHeader {
         version: CHECKPOINT_VERSION,
-        method: record,
+        method: method.record()?,
         common: method.common(),
         step: 0,
         seconds: 0.0,
@@ -151,13 +164,11 @@ pub fn train_objects(
     let run = Learning { dataset, training_loop, options, resume_from };
     match training {
         ObjectsTraining::Fields(config) => {
-            let config = ObjectsConfig { encoder, mirror: mirror.unwrap_or(config.mirror), ..config.clone() };
             let model =
                 |bytes: &[u8]| FieldsModel::from_bytes(config.clone(), bytes, &options.device).map(ObjectModel::Fields);
             run.learn::<FieldsTask>(config.clone(), config.pretrained.as_deref(), model, observer)
         }
         ObjectsTraining::System(config) => {
-            let config = SystemConfig { encoder, ..config.clone() };
             let model =
                 |bytes: &[u8]| SystemModel::from_bytes(config.clone(), bytes, &options.device).map(ObjectModel::System);
             run.learn::<SystemTask>(config.clone(), config.pretrained.as_deref(), model, observer)
