@@ -8,9 +8,11 @@ use dvr_render::{Crossing, Differentiable, Field, FieldJet, FieldValues, Query, 
 use dvr_render::{MarchSettings, Marcher};
 
 use crate::decoder::Decoder;
+use crate::decoder_at_points::decoder_at_points;
 use crate::fused::{FusedDecoder, snapshots};
 #[cfg(feature = "gpu")]
 use crate::gpu_march::KernelMarcher;
+use crate::host_function::is_on_host;
 use crate::image_model::AlignedFeatures;
 
 impl Decoder {
@@ -61,6 +63,9 @@ impl Conditioned {
     /// Raw outputs, `[n, 4]`.
     fn outputs(&self, query: &Query) -> Tensor<2> {
         let (points, aligned) = (query.points.clone(), self.aligned.as_ref());
+        if aligned.is_none() && is_on_host(&self.decoder.fc_p.weight.val()) {
+            return decoder_at_points(&self.decoder, points, &self.conditions, query.object.as_ref());
+        }
         match &query.object {
             Some(object) => self.decoder.outputs(points, &self.conditions, Some(object), aligned),
             None => self.decoder.outputs(points, &self.of_object_0(), None, aligned),

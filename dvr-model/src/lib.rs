@@ -48,12 +48,14 @@
 
 mod conditioned;
 mod decoder;
+mod decoder_at_points;
 mod encoder;
 mod encoding;
 mod error;
 mod fused;
 #[cfg(feature = "gpu")]
 mod gpu_march;
+mod host_function;
 mod image_model;
 mod mlp;
 mod object_field;

@@ -7,6 +7,9 @@ use burn::tensor::activation::relu;
 use burn::tensor::module::adaptive_avg_pool2d;
 use burn::tensor::{Device, Tensor};
 
+use super::normalised_convolutions::{Normalised, normalised_convolutions};
+use crate::host_function::is_on_host;
+
 /// Places along an edge of what is left of the picture: which way an object faces is easier to tell from where its parts are
 /// than from their average alone.
 const PLACES: usize = 2;
@@ -37,7 +40,16 @@ impl ConvolutionalBn {
 
     /// Codes `[b, code_dim]` of images `[b, 3, height, width]`, sRGB in `[0, 1]`.
     pub fn forward(&self, images: Tensor<4>) -> Tensor<2> {
-        let net = self.layers.iter().fold(images, |net, layer| layer.forward(net));
+        let is_host = self.layers.iter().all(|layer| is_on_host(&layer.conv.weight.val()));
+        let net = if is_host && images.device().is_autodiff() {
+            let Normalised { map, statistics } = normalised_convolutions(images, &self.layers);
+            for (layer, [mean, variance]) in self.layers.iter().zip(statistics) {
+                layer.remember(mean, variance);
+            }
+            map
+        } else {
+            self.layers.iter().fold(images, |net, layer| layer.forward(net))
+        };
         let [_, _, height, width] = net.dims();
         let places = if [height, width] == [PLACES; 2] { net } else { adaptive_avg_pool2d(net, [PLACES; 2]) };
         self.fc.forward(places.flatten(1, 3))
@@ -64,7 +76,16 @@ impl NormalisedConvolution {
         Self { conv, bn: BatchNormConfig::new(channels[1]).init(device) }
     }
 
-    fn forward(&self, input: Tensor<4>) -> Tensor<4> {
+    /// Takes the statistics of a batch into the running ones, as the batch normalisation does by itself.
+    pub(super) fn remember(&self, mean: Tensor<1>, variance: Tensor<1>) {
+        let momentum = self.bn.momentum;
+        for (running, of_batch) in [(&self.bn.running_mean, mean), (&self.bn.running_var, variance)] {
+            running.update((running.value_sync() * (1.0 - momentum) + of_batch * momentum).detach());
+            running.value_sync();
+        }
+    }
+
+    pub(super) fn forward(&self, input: Tensor<4>) -> Tensor<4> {
         let net = self.bn.forward(self.conv.forward(input));
         if net.device().is_autodiff() {
             // burn keeps a layer's last update aside until the next one, where a checkpoint taken in between would miss it.

@@ -4,6 +4,7 @@ mod codes;
 mod convolutional;
 mod convolutional_bn;
 mod local;
+mod normalised_convolutions;
 mod pooling;
 mod resnet18;
 #[cfg(test)]
