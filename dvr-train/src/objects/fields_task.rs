@@ -5,7 +5,7 @@ use std::sync::Arc;
 use burn::tensor::{Device, Tensor, TensorData};
 use dvr_core::dataset::ObjectDataset;
 use dvr_model::{Conditioned, Encoder, ImageModel, Seen};
-use dvr_render::{Field, Query, ViewMetrics};
+use dvr_render::{Query, ViewMetrics};
 use glam::Vec3;
 
 use super::config::ObjectsConfig;
@@ -138,7 +138,7 @@ fn occupancy_loss(field: &Conditioned, known: &KnownPoints, device: &Device) -> 
     let sign: Vec<f32> = inside.iter().map(|&inside| if inside { 1.0 } else { -1.0 }).collect();
     let points = Tensor::from_data(TensorData::new(flat, [n, 3]), device);
     let query = Query { object: Some(rows_tensor(owner, device)), ..Query::new(points) };
-    let logit = field.occupancy_logit(&query);
+    let logit = field.occupancy_logit_of_points(&query);
     let predicted: Vec<bool> = logit.clone().inner().into_data().iter::<f32>().map(|logit| logit >= 0.0).collect();
     let count = |holds: fn(bool, bool) -> bool| predicted.iter().zip(inside).filter(|&(&a, &b)| holds(a, b)).count();
     let (both, either) = (count(|a, b| a && b), count(|a, b| a || b));
