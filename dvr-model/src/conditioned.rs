@@ -60,8 +60,8 @@ impl Conditioned {
         }
     }
 
-    /// [`Field::occupancy_logit`] for training by many points: on the CPU in less time, and but for rounding the same. (What
-    /// divides differences of logits by small steps is better off with the other, whose rounding the reference code shares.)
+    /// [`Field::occupancy_logit`] for training by many points: on the CPU in less time, and the same but for rounding. Not for
+    /// differences of logits over small steps, which multiply rounding.
     pub fn occupancy_logit_of_points(&self, query: &Query) -> Tensor<1> {
         if self.aligned.is_some() || !is_on_host(&self.decoder.fc_p.weight.val()) {
             return self.occupancy_logit(query);

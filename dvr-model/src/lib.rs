@@ -57,6 +57,7 @@ mod fused;
 mod gpu_march;
 mod host_function;
 mod image_model;
+mod matrices;
 mod mlp;
 mod object_field;
 mod picture_camera;

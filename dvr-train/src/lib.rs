@@ -98,7 +98,7 @@ pub use objects::{
     Evaluation, FieldsModel, MeanScore, MeanShapes, Measurement, Mirror, NearestPicture, ObjectModel, ObjectScore,
     ObjectsConfig, ObjectsMetrics, ObjectsTrainer, Predictor, Results, Shape, Shard, StoredResults, Summary, System,
     SystemConfig, SystemModel, SystemTrainer, TrainedObjects, Unmeasured, evaluated_input, finish_objects,
-    merge_results, read_results, settled_by_dataset, to_markdown, train_objects, write_summaries,
+    merge_results, read_results, resolved_for_dataset, to_markdown, train_objects, write_summaries,
 };
 pub use observer::Observer;
 pub use resources::Resources;

@@ -10,7 +10,7 @@ use dvr_core::{Cancellation, Split};
 use dvr_model::EncoderConfig;
 use dvr_report::SourceRun;
 use dvr_train::{
-    Method, ObjectsMetrics, ObjectsTraining, RunFolder, Stop, finish_objects, settled_by_dataset, train_objects,
+    Method, ObjectsMetrics, ObjectsTraining, RunFolder, Stop, finish_objects, resolved_for_dataset, train_objects,
 };
 
 use super::dataset_of_run::options_of_run;
@@ -53,7 +53,7 @@ pub fn run(
     let dataset = Arc::new(ObjectDataset::open(&root, options.clone())?);
     describe(&dataset, method, training);
     let mut progress = Progress::new();
-    let method = &*settled_by_dataset(&dataset, method, start.resumed.as_ref(), &mut progress)?;
+    let method = &*resolved_for_dataset(&dataset, method, start.resumed.as_ref(), &mut progress)?;
     let _writing = start.prepare(method)?;
     let (folder, resumed) = (&start.folder, start.resumed.as_ref());
     let options = run_options(args, folder, serde_json::to_value(options)?, device, cancellation)?;

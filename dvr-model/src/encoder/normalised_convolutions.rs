@@ -7,11 +7,12 @@ use std::sync::{Arc, OnceLock};
 
 use burn::tensor::Tensor;
 use ndarray::linalg::general_mat_mul;
-use ndarray::{ArrayView2, ArrayViewMut2, s};
+use ndarray::s;
 use rayon::prelude::*;
 
 use super::convolutional_bn::NormalisedConvolution;
 use crate::host_function::{HostFunction, host_function};
+use crate::matrices::{matrix, matrix_mut};
 
 /// Pixels along an edge of what a convolution sees.
 const KERNEL: usize = 3;
@@ -131,10 +132,11 @@ impl Layer {
         }
     }
 
-    fn matrix(&self, weights: &[f32]) -> Vec<f32> {
-        let mut matrix = vec![0.0; self.weights()];
-        self.places(|at, to| matrix[to] = weights[at]);
-        matrix
+    /// Weights in the order of the matrix.
+    fn reordered(&self, weights: &[f32]) -> Vec<f32> {
+        let mut reordered = vec![0.0; self.weights()];
+        self.places(|at, to| reordered[to] = weights[at]);
+        reordered
     }
 
     /// Pictures whose neighbourhoods are written down at a time.
@@ -142,8 +144,8 @@ impl Layer {
         (NEIGHBOURHOODS / (self.to.pixels() * self.seen())).clamp(1, self.of.pictures.max(1))
     }
 
-    /// Writes the neighbourhood of each pixel of some pictures, a row each, zero beyond the border.
-    fn write_seen(&self, pictures: &[f32], rows: &mut [f32]) {
+    /// im2col: writes the neighbourhood of each pixel of some pictures, a row each, zero beyond the border.
+    fn im2col(&self, pictures: &[f32], rows: &mut [f32]) {
         let Map { height, width, channels, .. } = self.of;
         let by_row = self.to.width * self.seen();
         rows.par_chunks_mut(by_row).enumerate().for_each(|(row, out)| {
@@ -161,8 +163,8 @@ impl Layer {
         });
     }
 
-    /// The transpose: adds up at each pixel of some pictures what neighbourhoods have of it.
-    fn add_seen(&self, rows: &[f32], pictures: &mut [f32]) {
+    /// Its transpose: adds up at each pixel of some pictures what neighbourhoods have of it.
+    fn col2im(&self, rows: &[f32], pictures: &mut [f32]) {
         let Map { height, width, channels, .. } = self.of;
         let by_picture = self.to.pixels() * self.seen();
         pictures.par_chunks_mut(self.of.picture()).zip(rows.par_chunks(by_picture)).for_each(|(picture, rows)| {
@@ -178,40 +180,40 @@ impl Layer {
     }
 
     /// The convolution.
-    fn convolve(&self, matrix: &[f32], input: &[f32]) -> Vec<f32> {
+    fn convolve(&self, weights: &[f32], input: &[f32]) -> Vec<f32> {
         let (group, channels) = (self.group(), self.to.channels);
         let mut seen = vec![0.0; group * self.to.pixels() * self.seen()];
         let mut out = vec![0.0; self.to.len()];
-        let weights = matrix_of(matrix, self.seen(), channels);
+        let weights = matrix(weights, self.seen(), channels);
         for (input, out) in input.chunks(group * self.of.picture()).zip(out.chunks_mut(group * self.to.picture())) {
             let pixels = out.len() / channels;
             let seen = &mut seen[..pixels * self.seen()];
-            self.write_seen(input, seen);
+            self.im2col(input, seen);
             let share = share(pixels);
             out.par_chunks_mut(share * channels).zip(seen.par_chunks(share * self.seen())).for_each(|(out, seen)| {
                 let pixels = out.len() / channels;
-                let seen = matrix_of(seen, pixels, self.seen());
+                let seen = matrix(seen, pixels, self.seen());
                 general_mat_mul(1.0, &seen, &weights, 0.0, &mut matrix_mut(out, pixels, channels));
             });
         }
         out
     }
 
-    /// The gradients by weights, in the order of [`Layer::matrix`], and by the input where it is asked for, given that by the
+    /// The gradients by weights, in the order of [`Layer::reordered`], and by the input where it is asked for, given that by the
     /// convolution.
-    fn convolve_back(&self, matrix: &[f32], input: &[f32], by: &[f32], by_input: Option<&mut [f32]>) -> Vec<f32> {
+    fn convolve_back(&self, weights: &[f32], input: &[f32], by: &[f32], by_input: Option<&mut [f32]>) -> Vec<f32> {
         let (group, channels) = (self.group(), self.to.channels);
         let mut seen = vec![0.0; group * self.to.pixels() * self.seen()];
         let mut by_weights = vec![0.0; self.weights()];
-        let weights = matrix_of(matrix, self.seen(), channels);
+        let weights = matrix(weights, self.seen(), channels);
         let mut by_input = by_input.map(|by_input| by_input.chunks_mut(group * self.of.picture()));
         for (input, by) in input.chunks(group * self.of.picture()).zip(by.chunks(group * self.to.picture())) {
             let pixels = by.len() / channels;
             let seen = &mut seen[..pixels * self.seen()];
-            self.write_seen(input, seen);
+            self.im2col(input, seen);
             // Rows of the weights are shared out, so that no sum depends on how many threads there are.
-            let (share_of_rows, all, of_all) = (share(self.seen()), matrix_of(seen, pixels, self.seen()), by);
-            let of_all = matrix_of(of_all, pixels, channels);
+            let (share_of_rows, all, of_all) = (share(self.seen()), matrix(seen, pixels, self.seen()), by);
+            let of_all = matrix(of_all, pixels, channels);
             by_weights.par_chunks_mut(share_of_rows * channels).enumerate().for_each(|(part, by_weights)| {
                 let (first, rows) = (part * share_of_rows, by_weights.len() / channels);
                 let seen = all.slice(s![.., first..first + rows]);
@@ -221,10 +223,10 @@ impl Layer {
             let share = share(pixels);
             seen.par_chunks_mut(share * self.seen()).zip(by.par_chunks(share * channels)).for_each(|(seen, by)| {
                 let pixels = by.len() / channels;
-                let by = matrix_of(by, pixels, channels);
+                let by = matrix(by, pixels, channels);
                 general_mat_mul(1.0, &by, &weights.t(), 0.0, &mut matrix_mut(seen, pixels, self.seen()));
             });
-            self.add_seen(seen, by_input);
+            self.col2im(seen, by_input);
         }
         by_weights
     }
@@ -246,17 +248,19 @@ impl Passed {
         let channels = layer.to.channels;
         let (weights, affine) = parameters.split_at(layer.weights());
         let (gamma, beta) = affine.split_at(channels);
-        let convolved = layer.convolve(&layer.matrix(weights), input);
+        let convolved = layer.convolve(&layer.reordered(weights), input);
         let count = (convolved.len() / channels).max(1) as f64;
-        let [sum] = sums(&convolved, channels, |value, _| [f64::from(value)]);
+        let sum = sums(&convolved, channels, |value, _| f64::from(value));
         let mean: Vec<f32> = sum.iter().map(|sum| (sum / count) as f32).collect();
-        let [squares] = sums(&convolved, channels, |value, channel| [f64::from(value - mean[channel]).powi(2)]);
+        let squares = sums(&convolved, channels, |value, channel| f64::from(value - mean[channel]).powi(2));
         let variance: Vec<f32> = squares.iter().map(|sum| (sum / count) as f32).collect();
         let factors: Vec<f32> = (0..channels).map(|c| gamma[c] / (variance[c] + layer.epsilon).sqrt()).collect();
         let mut map = convolved.clone();
         for pixel in map.chunks_exact_mut(channels) {
             for (c, value) in pixel.iter_mut().enumerate() {
-                *value = ((*value - mean[c]) * factors[c] + beta[c]).max(0.0);
+                let normalised = (*value - mean[c]) * factors[c] + beta[c];
+                // What is no number stays none, so that a run that diverges is seen to.
+                *value = if normalised > 0.0 { normalised } else { 0.0 * normalised };
             }
         }
         Self { convolved, mean, variance, map }
@@ -268,7 +272,7 @@ impl Passed {
         let channels = layer.to.channels;
         let inverse: Vec<f32> = self.variance.iter().map(|variance| 1.0 / (variance + layer.epsilon).sqrt()).collect();
         by.iter_mut().zip(&self.map).for_each(|(by, &map)| *by = if map > 0.0 { *by } else { 0.0 });
-        let [by_beta] = sums(by, channels, |by, _| [f64::from(by)]);
+        let by_beta = sums(by, channels, |by, _| f64::from(by));
         let mut by_gamma = vec![0.0; channels];
         for (by, value) in by.chunks_exact(channels).zip(self.convolved.chunks_exact(channels)) {
             for (c, sum) in by_gamma.iter_mut().enumerate() {
@@ -289,12 +293,11 @@ impl Passed {
 }
 
 /// Sums over all pixels, channel by channel.
-fn sums<const N: usize>(values: &[f32], channels: usize, of: impl Fn(f32, usize) -> [f64; N]) -> [Vec<f64>; N] {
-    let mut sums = std::array::from_fn(|_| vec![0.0; channels]);
+fn sums(values: &[f32], channels: usize, of: impl Fn(f32, usize) -> f64) -> Vec<f64> {
+    let mut sums = vec![0.0; channels];
     for pixel in values.chunks_exact(channels) {
-        for (channel, value) in pixel.iter().enumerate() {
-            let found = of(*value, channel);
-            (0..N).for_each(|i| sums[i][channel] += found[i]);
+        for (channel, (sum, value)) in sums.iter_mut().zip(pixel).enumerate() {
+            *sum += of(*value, channel);
         }
     }
     sums
@@ -347,7 +350,7 @@ impl HostFunction for Convolutions {
             let input = if i > 0 { &passes[i - 1].map } else { &self.pixels };
             let mut by_input = if i > 0 { vec![0.0; layer.of.len()] } else { Vec::new() };
             let asked = (i > 0).then_some(&mut by_input[..]);
-            let by_weights = layer.convolve_back(&layer.matrix(weights), input, &by, asked);
+            let by_weights = layer.convolve_back(&layer.reordered(weights), input, &by, asked);
             let (of_weights, of_affine) = gradient[own].split_at_mut(layer.weights());
             layer.places(|at, from| of_weights[at] = by_weights[from]);
             of_affine[..channels].copy_from_slice(&by_gamma);
@@ -361,14 +364,6 @@ impl HostFunction for Convolutions {
 /// Rows of a product for each thread.
 fn share(rows: usize) -> usize {
     rows.div_ceil(rayon::current_num_threads()).max(1)
-}
-
-fn matrix_of(numbers: &[f32], rows: usize, columns: usize) -> ArrayView2<'_, f32> {
-    ArrayView2::from_shape((rows, columns), &numbers[..rows * columns]).expect("as many numbers")
-}
-
-fn matrix_mut(numbers: &mut [f32], rows: usize, columns: usize) -> ArrayViewMut2<'_, f32> {
-    ArrayViewMut2::from_shape((rows, columns), &mut numbers[..rows * columns]).expect("as many numbers")
 }
 
 #[cfg(test)]
@@ -441,5 +436,13 @@ mod tests {
             })
         };
         assert!(with(1) == with(3));
+    }
+
+    #[test]
+    fn what_is_no_number_is_not_hidden() {
+        let device = Device::flex().autodiff();
+        let encoder = seeded(&device, 5, || ConvolutionalBn::new(4, 6, &device));
+        let map = normalised_convolutions(images([32, 32], &device) * f32::NAN, &encoder.layers).map;
+        assert!(numbers(map).iter().all(|value| value.is_nan()));
     }
 }

@@ -38,7 +38,7 @@ pub use nearest_picture::NearestPicture;
 pub use object_model::ObjectModel;
 pub use predictor::{Predictor, evaluated_input};
 pub use results::{Measurement, ObjectScore, Results, StoredResults, Unmeasured, read_results};
-pub use run::{ObjectsMetrics, TrainedObjects, finish_objects, settled_by_dataset, train_objects};
+pub use run::{ObjectsMetrics, TrainedObjects, finish_objects, resolved_for_dataset, train_objects};
 pub use shape::Shape;
 pub use summary::{MeanScore, Summary, merge_results, to_markdown, write_summaries};
 pub use systems::config::{System, SystemConfig};

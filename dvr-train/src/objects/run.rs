@@ -85,12 +85,13 @@ const PREVIEW_GREY: [f32; 3] = [0.6; 3];
 /// Samples across the cube where a field is shown.
 const SAMPLES: usize = 128;
 
-/// The method with what its dataset decides: how many objects have codes, and in which mirror they are alike.
+/// The method with the settings that its dataset decides: how many objects have codes, and in which mirror they are alike. Done
+/// again, it changes nothing.
 ///
 /// # Errors
 /// When the method cannot learn from objects, or its settings do not go together; when a run with codes is to go on with
 /// another number of objects.
-pub fn settled_by_dataset(
+pub fn resolved_for_dataset(
     dataset: &ObjectDataset,
     method: &dyn Method,
     resume_from: Option<&Checkpoint>,
@@ -138,7 +139,7 @@ pub fn train_objects(
     options: &RunOptions,
     observer: &mut dyn Observer,
 ) -> Result<TrainedObjects> {
-    let method = &*settled_by_dataset(dataset, method, resume_from, observer)?;
+    let method = &*resolved_for_dataset(dataset, method, resume_from, observer)?;
     let training = method.objects().ok_or_else(|| Error::NeedsScene { method: method.name().to_owned() })?;
     let start = Instant::now();
     observer.phase("reading validation objects", 1);
