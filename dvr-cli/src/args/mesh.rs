@@ -33,7 +33,8 @@ pub enum ContourName {
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Mesh")]
 pub struct SurfaceArgs {
-    /// Cells per edge of the object cube [8 to 2048; default: twice those of a grid, at most 256; 128 for objects of a dataset]
+    /// Cells per edge of the object cube [8 to 2048; default: twice those of a grid, at most 256 or those of
+    /// the grid; 128 for objects of a dataset]
     #[arg(long, value_parser = within(8u32, 2048), value_name = "N")]
     pub resolution: Option<u32>,
     /// How the surface is triangulated; the mesh is watertight either way

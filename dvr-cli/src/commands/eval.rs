@@ -201,9 +201,9 @@ fn of_run(args: &EvalArgs, subject: &Path, checkpoint: &Checkpoint, cancellation
     let scene: Scene = scene_of_run(checkpoint, args.data.as_ref(), args.reading.memory, cancellation)?;
     let device = args.backend.backend.device_for(method_of(&checkpoint.header.method)?.as_ref())?;
     memory::limit(&device, args.reading.memory);
-    let options = mesh_options(&args.meshing, SCENE_RESOLUTION, cancellation);
-    memory::check_extraction(&options.extraction, &device, args.reading.memory)?;
     let model = load_model(checkpoint, None, &device)?;
+    let options = mesh_options(&args.meshing, SCENE_RESOLUTION, cancellation).following(model.cells());
+    memory::check_extraction(&options.extraction, &device, args.reading.memory)?;
     print_notes(&scene.warnings);
     let split = ViewSplit::of(&scene)?;
     let seeds = surface_points(model.thorough_shader().as_ref(), &split.train, 2_000);

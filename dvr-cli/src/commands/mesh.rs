@@ -44,8 +44,9 @@ pub fn run(args: &MeshArgs, cancellation: &Cancellation) -> Result<ExitCode> {
     };
     let device = args.backend.backend.device_for(method.as_ref())?;
     memory::limit(&device, args.memory.memory);
-    memory::check_extraction(&options.extraction, &device, args.memory.memory)?;
     let model = load_model(&checkpoint, args.object, &device)?;
+    let options = options.following(model.cells());
+    memory::check_extraction(&options.extraction, &device, args.memory.memory)?;
     // The scene helps to find thin parts and gives sharp colours, but a mesh can do without. Models of many objects have
     // no single scene, and imported runs may have none.
     let has_scene =

@@ -30,8 +30,8 @@ pub enum ColorSource {
 pub struct MeshOptions {
     /// The surface.
     pub extraction: ExtractSettings,
-    /// Whether a field that lies on a grid gets no more than twice its cells: what is finer shows how it is interpolated, and
-    /// nothing else, on four times the faces.
+    /// Whether a field that lies on a grid gets no more than twice its cells, and no fewer than these: what is finer shows how
+    /// it is interpolated, and nothing else, on four times the faces.
     pub follows_field: bool,
     /// Its colours.
     pub colors: ColorSource,
@@ -61,18 +61,22 @@ impl MeshOptions {
         Self { extraction, texture: Some(TextureSettings::default()), ..Self::default() }
     }
 
-    /// The same with at most so many cells, and no more than a field on a grid has something to show for.
+    /// The same with at most so many cells, or those of a field on a grid where it has more, and no more than such a field has
+    /// something to show for.
     pub fn within_resolution(most: usize) -> Self {
         Self { follows_field: true, ..Self::with_resolution(most) }
     }
 
+    /// The same for a field on a grid of at most so many cells; `None` of any other field.
+    pub fn following(self, cells: Option<usize>) -> Self {
+        let Some(cells) = cells.filter(|_| self.follows_field) else { return self };
+        let resolution = self.extraction.resolution.max(cells).min(FIELD_CELLS * cells);
+        Self { extraction: at_resolution(&self.extraction, resolution), ..self }
+    }
+
     /// How the surface of this field is extracted.
     fn extraction_of(&self, field: &dyn ScalarField) -> ExtractSettings {
-        let within = field.cells().filter(|_| self.follows_field).map(|cells| FIELD_CELLS * cells);
-        match within.filter(|&within| within < self.extraction.resolution) {
-            Some(resolution) => at_resolution(&self.extraction, resolution),
-            None => self.extraction.clone(),
-        }
+        self.clone().following(field.cells()).extraction
     }
 
     /// How these views become a texture; `None` where none is asked for, or there are no views.
@@ -249,6 +253,7 @@ mod tests {
         assert_eq!(within(64, Some(16)), exactly(32));
         assert_eq!(within(24, Some(16)), exactly(24), "never more than is asked for");
         assert_eq!(within(64, None), exactly(64), "a field on no grid");
+        assert_eq!(within(8, Some(16)), exactly(16), "a field that is finer");
         assert!(exactly(64) > 3 * exactly(32));
     }
 }

@@ -108,6 +108,10 @@ impl Method for GridMethod {
         self.config.memory_estimate(train)
     }
 
+    fn most_cells(&self) -> Option<usize> {
+        Some(self.config.last_cells())
+    }
+
     fn hardware(&self) -> Hardware {
         if self.config.steps == 0 { Hardware::Cpu } else { Hardware::OwnKernels }
     }

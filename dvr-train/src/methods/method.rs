@@ -105,6 +105,11 @@ pub trait Method: Debug + Send + Sync {
         self.memory_estimate(None)
     }
 
+    /// Most cells along an edge of the grid that its field lies on; `None` where it lies on none.
+    fn most_cells(&self) -> Option<usize> {
+        None
+    }
+
     /// How the coarse field is trained with which cameras are refined.
     fn camera_refinement(&self) -> GridConfig {
         let CommonSettings { supervision, seed, hold_out_every, .. } = self.common();
