@@ -59,6 +59,10 @@ pub struct PaperArgs {
     /// Optimiser steps of each training [1 to 100000000; default: those of each method]
     #[arg(long, value_parser = within(1usize, 100_000_000), value_name = "N", help_heading = "Single pictures (shapenet)")]
     pub steps: Option<usize>,
+    /// What makes the code of a picture in all rows but those with features of places: convolutional-bn, convolutional, or the paper's
+    /// resnet18 [default: that of each method]
+    #[arg(long, value_name = "KIND", value_parser = ["convolutional-bn", "convolutional", "resnet18"], help_heading = "Single pictures (shapenet)")]
+    pub encoder: Option<String>,
     /// Cells along an edge at which the fields' surfaces are measured [16 to 1024]
     #[arg(long, default_value_t = 64, value_parser = within(16usize, 1024), value_name = "CELLS", help_heading = "Single pictures (shapenet)")]
     pub resolution: usize,

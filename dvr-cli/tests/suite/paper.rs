@@ -50,6 +50,11 @@ fn the_table_of_single_pictures_is_made_kept_and_goes_on() {
     assert!(succeeds(&output).contains("| 2 | 3 |"));
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(said.contains("made again: softras.0 (of another settings)"), "{said}");
+    // With another encoder too.
+    let output = dvr(&[&args[..], &["--steps", "3", "--resolution", "16", "--encoder", "convolutional"]].concat());
+    assert!(String::from_utf8_lossy(&output.stderr).contains("made again: softras.0"));
+    assert!(succeeds(&output).contains("| 2 | 3 |"));
+    assert!(corpus.read("table/runs/softras.0/config.json").contains("\"convolutional\""));
 }
 
 #[test]

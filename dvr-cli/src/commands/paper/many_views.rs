@@ -25,9 +25,9 @@ pub enum Comparison {
 
 /// Carries out the benchmark, or says what it is.
 pub fn run(args: &PaperArgs, comparison: Comparison, cancellation: &Cancellation) -> Result<ExitCode> {
-    if !args.rows.is_empty() || args.steps.is_some() || args.by_heart.is_some() {
+    if !args.rows.is_empty() || args.steps.is_some() || args.encoder.is_some() || args.by_heart.is_some() {
         bail!(
-            "--rows, --steps and --by-heart are for --table shapenet (--rows for dtu too); compare other settings with `dvr bench --variant`"
+            "--rows, --steps, --encoder and --by-heart are for --table shapenet (--rows for dtu too); compare other settings with `dvr bench --variant`"
         );
     }
     let arguments = arguments(args, comparison);
@@ -95,6 +95,7 @@ mod tests {
                 plan: false,
                 rows: Vec::new(),
                 steps: None,
+                encoder: None,
                 resolution: 64,
                 by_heart: None,
                 clouds: Vec::new(),

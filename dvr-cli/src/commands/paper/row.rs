@@ -31,14 +31,17 @@ pub struct Place<'a> {
     pub resolution: usize,
     /// Steps of each training, where they are not its own.
     pub steps: Option<usize>,
+    /// The encoder of all trainings but those that need one of their own.
+    pub encoder: Option<&'a str>,
     pub cancellation: &'a Cancellation,
 }
 
 impl<'a> Place<'a> {
     /// The place that the arguments give, for a dataset.
     pub fn new(args: &'a PaperArgs, data: &'a Path, digest: &'a Digest, cancellation: &'a Cancellation) -> Self {
-        let PaperArgs { out, resolution, steps, .. } = args;
-        Self { data, digest, out, resolution: *resolution, steps: *steps, cancellation }
+        let PaperArgs { out, resolution, steps, encoder, .. } = args;
+        let encoder = encoder.as_deref();
+        Self { data, digest, out, resolution: *resolution, steps: *steps, encoder, cancellation }
     }
 }
 
@@ -85,6 +88,12 @@ impl Row<'_> {
         self.place.out.join("runs").join(format!("{}.{ending}", self.name()))
     }
 
+    /// The encoder of its training, where it is not the method's own.
+    fn encoder(&self) -> Option<&str> {
+        let (_, _, own) = self.system.maker.training()?;
+        own.or(self.place.encoder)
+    }
+
     /// Optimiser steps of its training.
     ///
     /// # Errors
@@ -97,11 +106,11 @@ impl Row<'_> {
 
     /// What its training is made of.
     fn key(&self) -> Result<RecordKey> {
-        let Some((method, supervision, encoder)) = self.system.maker.training() else {
+        let Some((method, supervision, _)) = self.system.maker.training() else {
             return record_key(self.place.digest.clone(), &json!({}), "cpu");
         };
         let mut changes = json!({"seed": self.seed, "steps": self.steps()?});
-        if let Some(kind) = encoder {
+        if let Some(kind) = self.encoder() {
             changes["encoder"] = json!({ "kind": kind });
         }
         let record = method_by_name(method, supervision)?.overridden(&changes)?.record()?;
@@ -168,7 +177,7 @@ impl Row<'_> {
             return Ok(trained);
         }
         let run = self.run();
-        let Some((method, supervision, encoder)) = self.system.maker.training() else {
+        let Some((method, supervision, _)) = self.system.maker.training() else {
             bail!("{} is not trained", self.name())
         };
         let mut arguments: Vec<OsString> = vec!["train".into()];
@@ -182,7 +191,7 @@ impl Row<'_> {
                 (supervision.to_string(), self.seed.to_string(), self.steps()?.to_string());
             let own = ["--method", method, "--supervision", &supervision, "--seed", &seed, "--steps", &steps];
             arguments.extend(own.map(Into::into));
-            arguments.extend(encoder.into_iter().flat_map(|kind| ["--encoder", kind]).map(Into::into));
+            arguments.extend(self.encoder().into_iter().flat_map(|kind| ["--encoder", kind]).map(Into::into));
         }
         arguments.push("--no-report".into());
         self.call(arguments, hear)?;

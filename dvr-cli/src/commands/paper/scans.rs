@@ -123,8 +123,8 @@ impl Maker {
 
 /// Makes the table, or says what that takes.
 pub fn run(args: &PaperArgs, cancellation: &Cancellation) -> Result<ExitCode> {
-    if args.steps.is_some() || args.by_heart.is_some() {
-        bail!("--steps and --by-heart are for --table shapenet");
+    if args.steps.is_some() || args.encoder.is_some() || args.by_heart.is_some() {
+        bail!("--steps, --encoder and --by-heart are for --table shapenet");
     }
     if args.seeds != 1 {
         bail!("--table dtu is made of one seed; compare seeds with `dvr bench --seeds {}`", args.seeds);

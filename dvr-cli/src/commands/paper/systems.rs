@@ -32,7 +32,7 @@ impl Group {
 pub enum Maker {
     /// `dvr train --method METHOD --supervision WHAT`.
     Training(&'static str, Supervision),
-    /// The same with `--encoder KIND`.
+    /// The same with `--encoder KIND`, which it needs whatever the others have.
     WithEncoder(&'static str, Supervision, &'static str),
     /// `dvr eval --baseline NAME`.
     Baseline(&'static str),
@@ -105,7 +105,7 @@ pub static SYSTEMS: &[System] = &[
     System { row: "r2n2", title: "3D-R2N2 (Choy et al. 2016)", group: Shapes, maker: Training("r2n2", Supervision::Occupancy), seconds: 0.4, published: Some((0.277, Source::Dvr)) },
     System { row: "psgn", title: "PSGN (Fan et al. 2017)", group: Shapes, maker: Training("psgn", Supervision::Occupancy), seconds: 0.2, published: None },
     System { row: "atlasnet", title: "AtlasNet (Groueix et al. 2018)", group: Shapes, maker: Training("atlasnet", Supervision::Occupancy), seconds: 0.2, published: None },
-    System { row: "pixel2mesh", title: "Pixel2Mesh (Wang et al. 2018)", group: Shapes, maker: Training("pixel2mesh", Supervision::Occupancy), seconds: 0.7, published: None },
+    System { row: "pixel2mesh", title: "Pixel2Mesh (Wang et al. 2018)", group: Shapes, maker: WithEncoder("pixel2mesh", Supervision::Occupancy, "local"), seconds: 0.7, published: None },
     System { row: "onet", title: "Occupancy Networks (Mescheder et al. 2019)", group: Shapes, maker: Training("onet", Supervision::Occupancy), seconds: 0.26, published: Some((0.215, Source::Dvr)) },
     System { row: "mean-shape", title: "mean shape of the category", group: Lookup, maker: Baseline("mean-shape"), seconds: 10.0, published: None },
     System { row: "nearest-picture", title: "training object with the nearest picture", group: Lookup, maker: Baseline("nearest-picture"), seconds: 10.0, published: None },

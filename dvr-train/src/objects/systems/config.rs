@@ -61,7 +61,7 @@ impl System {
         match self {
             Self::Pixel2Mesh => EncoderConfig::Local { image_size: 64, width: 32, channels: 64 },
             Self::Drc | Self::SoftRas | Self::R2n2 | Self::Psgn | Self::AtlasNet => {
-                EncoderConfig::Convolutional { image_size: 64, width: 32 }
+                EncoderConfig::ConvolutionalBn { image_size: 64, width: 32 }
             }
         }
     }
