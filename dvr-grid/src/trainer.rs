@@ -109,7 +109,7 @@ impl<'a> GridTrainer<'a> {
         validation: Vec<&'a View>,
         config: GridConfig,
         refinement: Refinement,
-        notes: Vec<String>,
+        mut notes: Vec<String>,
         cancellation: &Cancellation,
     ) -> Result<Self> {
         let grids = refinement.first(&config)?;
@@ -121,8 +121,13 @@ impl<'a> GridTrainer<'a> {
             return Err(Error::NoHull);
         }
         let judged = pyramid.factor(growth.max_cells());
+        let validation_ncc = ValidationNcc::new(&validation, judged, pyramid.views(judged));
+        if let Some(ncc) = validation_ncc.as_ref().filter(|_| config.steps == 0) {
+            // Nothing follows that would say it.
+            notes.push(format!("visual hull: {} cells, NCC score {:.4}", grids.cells(), ncc.scores(&grids).mean()));
+        }
         Ok(Self {
-            validation_ncc: ValidationNcc::new(&validation, judged, pyramid.views(judged)),
+            validation_ncc,
             weighted: GridConfig { rays: config.rays_of(photographs.order.len()), ..config.clone() },
             agreement: Agreement::FULL,
             config,

@@ -3,6 +3,7 @@
 //! What a machine may lack is found through `dvr-test-support`.
 
 mod bound_decoder;
+mod counted;
 mod field_suite;
 pub mod fuzz;
 mod pytorch_file;
@@ -17,6 +18,7 @@ use dvr_core::synth::{SynthConfig, render_dataset};
 use dvr_model::{Decoder, DecoderConfig};
 
 pub use bound_decoder::BoundDecoder;
+pub use counted::Counted;
 pub use dvr_test_support::{
     browser, fixture, large_fixture, largest, max_difference, mounts, relative_difference, scene, test_with,
 };

@@ -33,6 +33,11 @@ fn half() -> f64 {
     0.5
 }
 
+/// Where fields that learn by rays, or of true shapes, have their surface.
+fn threshold_of_rays(supervision: Supervision) -> f64 {
+    if supervision == Supervision::Occupancy { ONET_THRESHOLD } else { half() }
+}
+
 /// Everything that determines a run over many objects, besides the dataset and the backend.
 ///
 /// In JSON the keys of [`TrainConfig`] stand beside the others, but for `hold_out_every` (what is held out are objects)
@@ -90,7 +95,7 @@ impl ObjectsConfig {
         let base = TrainConfig::new(supervision);
         let knows_shapes = supervision == Supervision::Occupancy;
         let by_rays = Self {
-            encoder: EncoderConfig::ConvolutionalBn { image_size: 64, width: 32 },
+            encoder: EncoderConfig::Convolutional { image_size: 64, width: 32 },
             pretrained: None,
             objects: 16,
             views: 1,
@@ -100,12 +105,11 @@ impl ObjectsConfig {
             mirror: Mirror::Off,
             points: 512,
             box_share: if knows_shapes { BOX_SHARE } else { 0.0 },
-            threshold: if knows_shapes { ONET_THRESHOLD } else { half() },
+            threshold: threshold_of_rays(supervision),
             validate_objects: 40,
             train: TrainConfig {
                 steps: 9000,
-                // Occupancy Networks have it too.
-                model: DecoderConfig::new().with_code_dim(128).with_blocks(3).with_octaves(2).with_film(knows_shapes),
+                model: DecoderConfig::new().with_code_dim(128).with_blocks(3).with_octaves(2),
                 hull: no_hull(&base),
                 rays: 64,
                 march: vec![MarchStage { from_percent: 0, samples: 16 }],
@@ -130,6 +134,7 @@ impl ObjectsConfig {
         // Beside the weight of points.
         (train.losses.detached_color, train.losses.normal) = (12.0, 0.5);
         Self {
+            encoder: EncoderConfig::ConvolutionalBn { image_size: 64, width: 32 },
             objects: 32,
             hull_occupancy: 100.0,
             mirror: Mirror::Auto,
@@ -154,6 +159,7 @@ impl ObjectsConfig {
             mirror: Mirror::Off,
             points: 2048,
             box_share: 0.0,
+            threshold: threshold_of_rays(supervision),
             train: TrainConfig {
                 steps: 300_000,
                 model: decoder,
@@ -207,6 +213,7 @@ impl ObjectsConfig {
         complete("/model", "film", false.into());
         complete("", "hull_occupancy", 0.into());
         complete("", "mirror", "off".into());
+        complete("", "threshold", half().into());
         config
     }
 
@@ -313,12 +320,13 @@ mod tests {
     fn files_that_know_nothing_of_later_keys_keep_the_network_that_they_hold() {
         let mut config = ObjectsConfig::new(Supervision::Rgb).to_value().unwrap();
         config["model"].as_object_mut().unwrap().remove("film");
-        for key in ["mirror", "hull_occupancy"] {
+        for key in ["mirror", "hull_occupancy", "threshold"] {
             config.as_object_mut().unwrap().remove(key);
         }
         let record = MethodRecord { method: "objects".into(), config };
         let read = ObjectsConfig::of_record(&record).unwrap().unwrap();
         assert!(!read.train.model.film && read.mirror == Mirror::Off && read.hull_occupancy == 0.0);
+        assert_eq!(read.threshold, 0.5);
         let config = ObjectsConfig::new(Supervision::Rgb).to_value().unwrap();
         let record = MethodRecord { method: "objects".into(), config };
         assert!(ObjectsConfig::of_record(&record).unwrap().unwrap().train.model.film);

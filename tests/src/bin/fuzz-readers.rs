@@ -4,70 +4,23 @@
 //! takes more than a gigabyte or ten seconds is a finding: it is put into `--findings DIR`, with the command that reads
 //! it again. The exit code is 1 where there are findings.
 
-use std::alloc::{GlobalAlloc, Layout, System};
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
+use dvr_tests::Counted;
 use dvr_tests::fuzz::campaign::{Plan, reproduction, run, table};
 use dvr_tests::fuzz::worker::{self, Task};
 use dvr_tests::fuzz::{MEMORY_LIMIT, READERS, reader};
 
-/// The system's allocator, counted.
-struct Counted;
-
-/// Bytes that are allocated, and the most that ever were.
-static ALLOCATED: AtomicUsize = AtomicUsize::new(0);
-static PEAK: AtomicUsize = AtomicUsize::new(0);
-
-fn grow(bytes: usize) {
-    let now = ALLOCATED.fetch_add(bytes, Ordering::Relaxed).saturating_add(bytes);
-    if now > PEAK.fetch_max(now, Ordering::Relaxed) && now > MEMORY_LIMIT {
-        // Nothing may be allocated to say it.
-        use std::io::Write;
-        let _ = std::io::stderr().write_all(b"more than 1 GiB allocated\n");
-        std::process::abort();
-    }
-}
-
-// SAFETY: every call is handed on to the system's allocator as it came; counting touches no memory of it.
-#[allow(unsafe_code)]
-unsafe impl GlobalAlloc for Counted {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        grow(layout.size());
-        // SAFETY: the caller's promise.
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
-        grow(layout.size());
-        // SAFETY: the caller's promise.
-        unsafe { System.alloc_zeroed(layout) }
-    }
-
-    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        ALLOCATED.fetch_sub(layout.size(), Ordering::Relaxed);
-        // SAFETY: the caller's promise.
-        unsafe { System.dealloc(pointer, layout) }
-    }
-
-    unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, size: usize) -> *mut u8 {
-        grow(size.saturating_sub(layout.size()));
-        ALLOCATED.fetch_sub(layout.size().saturating_sub(size), Ordering::Relaxed);
-        // SAFETY: the caller's promise.
-        unsafe { System.realloc(pointer, layout, size) }
-    }
-}
-
 #[global_allocator]
-static ALLOCATOR: Counted = Counted;
+static ALLOCATOR: Counted = Counted::new(MEMORY_LIMIT);
 
 fn main() -> ExitCode {
     let mut arguments = std::env::args().skip(1).peekable();
     if arguments.next_if(|first| first == "worker").is_some() {
         let name = arguments.next().unwrap_or_default();
         let options = Options::read(arguments);
-        worker::run(&options.task(&name), || PEAK.load(Ordering::Relaxed));
+        worker::run(&options.task(&name), || ALLOCATOR.peak());
         return ExitCode::SUCCESS;
     }
     campaign(Options::read(arguments))
