@@ -33,8 +33,8 @@ fn half() -> f64 {
     0.5
 }
 
-/// Where fields that learn by rays, or of true shapes, have their surface.
-fn threshold_of_rays(supervision: Supervision) -> f64 {
+/// Where fields that are not learned at points of visual hulls have their surface.
+fn threshold_without_hulls(supervision: Supervision) -> f64 {
     if supervision == Supervision::Occupancy { ONET_THRESHOLD } else { half() }
 }
 
@@ -105,7 +105,7 @@ impl ObjectsConfig {
             mirror: Mirror::Off,
             points: 512,
             box_share: if knows_shapes { BOX_SHARE } else { 0.0 },
-            threshold: threshold_of_rays(supervision),
+            threshold: threshold_without_hulls(supervision),
             validate_objects: 40,
             train: TrainConfig {
                 steps: 9000,
@@ -159,7 +159,7 @@ impl ObjectsConfig {
             mirror: Mirror::Off,
             points: 2048,
             box_share: 0.0,
-            threshold: threshold_of_rays(supervision),
+            threshold: threshold_without_hulls(supervision),
             train: TrainConfig {
                 steps: 300_000,
                 model: decoder,
