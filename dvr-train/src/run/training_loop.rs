@@ -85,9 +85,7 @@ impl<'r> TrainingLoop<'r> {
         let mut stop = Stop::Done;
         while learner.steps_done() < learner.total_steps() {
             let report = learner.step()?;
-            let notes = learner.notes();
-            notes.iter().for_each(|note| observer.note(note));
-            self.header.notes.extend(notes);
+            self.tell(learner, observer);
             stop = self.stop();
             self.after_step(learner, &report, stop)?;
             // A pass more, or finer cells that are not worth it.
@@ -101,7 +99,16 @@ impl<'r> TrainingLoop<'r> {
             }
             self.check_memory(learner, report.step)?;
         }
+        // What a run of no steps found.
+        self.tell(learner, observer);
         self.outcome(learner, stop)
+    }
+
+    /// Says what the learner has to say, and keeps it.
+    fn tell(&mut self, learner: &mut dyn Learner, observer: &mut dyn Observer) {
+        let notes = learner.notes();
+        notes.iter().for_each(|note| observer.note(note));
+        self.header.notes.extend(notes);
     }
 
     /// Wall seconds of training so far; the clock stands still while the shape is compared with the truth.
