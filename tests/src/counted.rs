@@ -34,9 +34,9 @@ impl Counted {
     fn grow(&self, bytes: usize) {
         let now = self.allocated.fetch_add(bytes, Ordering::Relaxed).saturating_add(bytes);
         if now > self.peak.fetch_max(now, Ordering::Relaxed) && now > self.limit {
-            // Nothing may be allocated to say it.
+            // Nothing may be allocated to say it: numbers are written without.
             use std::io::Write;
-            let _ = std::io::stderr().write_all(b"more memory than is allowed\n");
+            let _ = writeln!(std::io::stderr(), "more than {} bytes allocated", self.limit);
             std::process::abort();
         }
     }

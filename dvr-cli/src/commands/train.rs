@@ -186,8 +186,7 @@ fn train_scene(
     scene.warnings.extend(advice.iter().map(Advice::to_string));
     describe(&scene, &views, method);
     let meshing = run_mesh_options(&args.meshing, args.texture, args.preset, cancellation);
-    let largest = meshing.clone().following(method.most_cells());
-    let (needed, shares) = make_room(&mut scene, method, &largest, &device, args.reading.memory)?;
+    let (needed, shares) = make_room(&mut scene, method, &meshing, &device, args.reading.memory)?;
     let meshing = meshing.with_texture_within(shares.texture);
     eprintln!(
         "memory: about {} MB, photographs {} MB of it",

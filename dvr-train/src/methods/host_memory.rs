@@ -43,7 +43,7 @@ impl HostMemory {
     /// Of a run of `method` on a scene, from its start to its mesh and texture.
     pub fn of_run(method: &dyn Method, scene: &Scene, mesh: &MeshOptions) -> Self {
         let train: Vec<&View> = scene.views_of(Split::Train).collect();
-        let of_mesh = Self::of_mesh(scene, mesh);
+        let of_mesh = Self::of_mesh(scene, &mesh.clone().following(method.most_cells()));
         // The mesh is made when training is over.
         let training = PROGRAM + depth_bytes(scene) + method.host_memory(&train);
         Self { rest: of_mesh.rest.max(training), ..of_mesh }
