@@ -10,8 +10,8 @@ minutes_of() {
         renders) echo 5 ;;
         depth) echo 1 ;;
         speed) echo 8 ;;
-        ablations) echo 15 ;;
-        ablations-photographs) echo 25 ;;
+        ablations) echo 20 ;;
+        ablations-photographs) echo 60 ;;
         paper) echo 90 ;;
         photographs) echo 60 ;;
         stress) echo 25 ;;
@@ -53,8 +53,9 @@ makes() {
 # Seeds of each figure; pages have three.
 SEEDS=${DVR_SEEDS:-3}
 
-# Photographs that ablations and networks are measured on.
+# Photographs that networks are measured on, and those whose shape is known, by points or by truth, for ablations.
 PHOTOGRAPHS="dino_sparse_ring temple_sparse_ring nerf_chair dtu_scan65"
+KNOWN_SHAPES="dtu_scan65 photoreal/bronze photoreal/plastic photoreal/exposure"
 
 # All photographs and photoreal renders in their own size, and those that are also measured at half of it, or only so.
 WHOLE="$PHOTOGRAPHS dtu_scan24 photoreal/bronze photoreal/plastic photoreal/exposure photoreal/desk_truth"
@@ -67,7 +68,7 @@ POINTS=verified_points.npz
 scenes_of() {
     case $1 in
         photographs) echo "$WHOLE nerd_head" ;;
-        ablations-photographs) echo "$PHOTOGRAPHS" ;;
+        ablations-photographs) echo "$KNOWN_SHAPES" ;;
     esac
 }
 
@@ -214,13 +215,21 @@ part_speed() {
 ablate() { # NAME FIGURES SETTINGS FLAT SCENE...
     name=$1 figures=$2 shared=$3 flat=$4
     shift 4
-    bench "$name" - "$@" --methods hull --seeds "$SEEDS" \
+    points=
+    for scene in "$@"; do
+        [ ! -f "$scene/$POINTS" ] || points="--points $POINTS"
+    done
+    bench "$name" - "$@" $points --methods hull --seeds "$SEEDS" \
         --variant "base:$shared" \
         --variant "no-photo-consistency:$shared,losses.photo_consistency.weight=0" \
         --variant "no-patch-ncc:$shared,losses.patch_ncc.weight=0" \
         --variant "no-smoothness:$shared,losses.smoothness.weight=0" \
         --variant "detached-color:$shared,losses.color.weight=0,losses.detached_color.weight=1" \
         --variant "no-sweep:$shared,plane_sweep_pixels=0" \
+        --variant "no-stereo:$shared,stereo_cells=0" \
+        --variant "full-color:$shared,trusts_colors=full" \
+        --variant "no-exposure:$shared,exposure=off" \
+        --variant "no-further-passes:$shared,further_passes=0" \
         --variant "no-growth:$shared,$flat" \
         --variant "few-levels:$shared,coarsest_cells=16,$flat"
     { head -n 1 "$out/$name/table.md"; for figure in $figures; do
@@ -239,7 +248,8 @@ part_ablations() {
 }
 
 part_ablations_photographs() {
-    ablate ablations_photographs "test_PSNR,_dB silhouette_IoU" 'capacity={"cells":128}' first_cells=128,steps=900 $(there $PHOTOGRAPHS)
+    ablate ablations_photographs "points:_mean points:_median Chamfer-L1 normals volume_IoU test_PSNR,_dB CPU,_s" \
+        'capacity={"cells":128}' first_cells=128,steps=900 $(there $KNOWN_SHAPES)
 }
 
 part_paper() {

@@ -23,7 +23,8 @@ pub struct BenchArgs {
     #[arg(long, value_enum, value_delimiter = ',', default_values_t = [MethodName("hull"), MethodName("grid")], value_name = "METHOD")]
     pub methods: Vec<MethodName>,
     /// A named variant of `grid` (or of METHOD, with method=METHOD) with other settings, e.g.
-    /// no-photo-consistency:losses.photo_consistency.weight=0,losses.patch_ncc.weight=0; repeatable
+    /// no-photo-consistency:losses.photo_consistency.weight=0,losses.patch_ncc.weight=0, or trained by another build of dvr,
+    /// e.g. before:program=OLD/dvr; repeatable
     #[arg(long, value_parser = parse_variant, value_name = "NAME:KEY=VALUE")]
     pub variant: Vec<Variant>,
     /// What supervises the shape: rgb, depth, rgb+depth; comma-separated

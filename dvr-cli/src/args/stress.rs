@@ -21,8 +21,8 @@ pub struct StressArgs {
     /// Methods to test, as in `dvr train --method`; comma-separated [default: hull, grid; with --full all four]
     #[arg(long, value_enum, value_delimiter = ',', value_name = "METHOD")]
     pub methods: Vec<MethodName>,
-    /// A named variant of `grid` (or of METHOD, with method=METHOD) with other settings, e.g. refined:refine_cameras=10;
-    /// repeatable
+    /// A named variant of `grid` (or of METHOD, with method=METHOD) with other settings, e.g. refined:refine_cameras=10, or
+    /// trained by another build of dvr, e.g. before:program=OLD/dvr; repeatable
     #[arg(long, value_parser = parse_variant, value_name = "NAME:KEY=VALUE")]
     pub variant: Vec<Variant>,
     /// Test all other methods and variants (except the hull) only at the difficulty where this one first fails

@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result, bail};
 use clap::Parser;
 use dvr_core::Cancellation;
+use dvr_core::record::Digest;
 use dvr_train::{RunFolder, RunMetrics};
 use serde_json::{Value, json};
 
@@ -16,6 +17,9 @@ use super::child::{EndedChild, run_child};
 use super::method_of_args::method_of_args;
 use super::{SCENE_RESOLUTION, SceneReading, mesh_options};
 use crate::args::{self, Cli, TrainArgs, Variant};
+
+/// Starts the setting of a variant that names another program, such as an earlier build of this one.
+const PROGRAM: &str = "program=";
 
 /// A training to run.
 pub struct Job<'a> {
@@ -63,10 +67,18 @@ impl Job<'_> {
     /// # Errors
     /// When it cannot be started, an earlier run's figures cannot be removed, or somebody wanted it to end.
     pub fn run(&self) -> Result<Ended> {
-        self.run_by(&std::env::current_exe().context("this program cannot be started again")?)
+        match self.program() {
+            Some(program) => self.run_by(&std::path::absolute(program)?),
+            None => self.run_by(&std::env::current_exe().context("this program cannot be started again")?),
+        }
     }
 
-    /// Runs the training by another program.
+    /// The program that trains, where it is not this one.
+    fn program(&self) -> Option<&Path> {
+        self.variant.settings.iter().find_map(|setting| setting.strip_prefix(PROGRAM)).map(Path::new)
+    }
+
+    /// Runs the training by a program.
     fn run_by(&self, program: &Path) -> Result<Ended> {
         // Figures that lie there are another run's.
         let figures = self.folder.metrics_json();
@@ -94,7 +106,7 @@ impl Job<'_> {
         if self.variant.method != "hull" {
             add(&["--supervision", self.supervision]);
         }
-        for setting in &self.variant.settings {
+        for setting in self.variant.settings.iter().filter(|setting| !setting.starts_with(PROGRAM)) {
             match setting.strip_prefix("refine_cameras=") {
                 // An option of the run rather than a setting of the method.
                 Some(rounds) => add(&["--refine-cameras", rounds]),
@@ -114,22 +126,27 @@ impl Job<'_> {
         arguments
     }
 
-    /// All settings of the run, defaults included.
+    /// All settings of the run, defaults included, and the program that trains where it is not this one.
     ///
     /// # Errors
-    /// When the training would refuse them.
+    /// When the training would refuse them, or the program's file cannot be read.
     pub fn settings(&self) -> Result<Value> {
         let arguments = [OsString::from("dvr")].into_iter().chain(self.arguments());
         let args::Command::Train(train) = Cli::try_parse_from(arguments)?.command else { bail!("no training") };
         let TrainArgs { refine_cameras, follow_shape, time, .. } = *train;
-        Ok(json!({
+        let mut settings = json!({
             "method": method_of_args(&train, false)?.record()?,
             "reading": SceneReading::of_arguments(&train.reading),
             "meshing": format!("{:?}", mesh_options(&train.meshing, SCENE_RESOLUTION, &Cancellation::default())),
             "refine_cameras": refine_cameras,
             "follow_shape": follow_shape,
             "time": time,
-        }))
+        });
+        if let Some(program) = self.program() {
+            let digest = Digest::of_file(program).with_context(|| format!("{PROGRAM}{}", program.display()))?;
+            settings["program"] = json!(digest);
+        }
+        Ok(settings)
     }
 }
 
@@ -200,12 +217,32 @@ mod tests {
         std::fs::write(folder.path().join("figures"), figures.to_string()).unwrap();
         // An earlier run's.
         std::fs::write(run.metrics_json(), figures.to_string()).unwrap();
-        let program = folder.path().join("program");
+        let (program, arguments) = (folder.path().join("program"), folder.path().join("arguments"));
         let (from, to) = (folder.path().join("figures"), run.metrics_json());
         let script = script.replace("WRITE", &format!("cp {} {}", from.display(), to.display()));
-        std::fs::write(&program, format!("#!/bin/sh\n{script}\n")).unwrap();
+        std::fs::write(&program, format!("#!/bin/sh\necho \"$@\" > {}\n{script}\n", arguments.display())).unwrap();
         std::fs::set_permissions(&program, std::fs::Permissions::from_mode(0o755)).unwrap();
-        job(&run, &variant(&[]), &Cancellation::default()).run_by(&program).unwrap()
+        let variant = variant(&[&format!("program={}", program.display()), "rays=99"]);
+        let ended = job(&run, &variant, &Cancellation::default()).run().unwrap();
+        let heard = std::fs::read_to_string(folder.path().join("arguments")).unwrap();
+        assert!(heard.contains("--set rays=99") && !heard.contains("program="), "{heard}");
+        ended
+    }
+
+    #[test]
+    fn settings_tell_programs_apart_by_their_files() {
+        let folder = tempfile::tempdir().unwrap();
+        let (run, token) = (RunFolder::new("run"), Cancellation::default());
+        let program = folder.path().join("dvr");
+        let of_program = variant(&[&format!("program={}", program.display())]);
+        let settings = || job(&run, &of_program, &token).settings();
+        let missing = format!("{:#}", settings().unwrap_err());
+        assert!(missing.contains("program=") && missing.contains("dvr"), "{missing}");
+        std::fs::write(&program, "one build").unwrap();
+        let one = settings().unwrap();
+        assert_ne!(one, job(&run, &variant(&[]), &token).settings().unwrap());
+        std::fs::write(&program, "another").unwrap();
+        assert_ne!(settings().unwrap(), one);
     }
 
     #[cfg(unix)]
