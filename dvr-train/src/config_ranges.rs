@@ -59,6 +59,7 @@ const OF_OBJECTS: &[NumberRange] = &[
     real("hull_occupancy", 0.0, WEIGHT),
     whole("points", 1, RAYS),
     real("box_share", 0.0, 1.0),
+    real("inside_share", 0.0, 1.0),
     real("threshold", 0.001, 0.999),
     whole("validate_objects", 0, 1_000_000),
 ];

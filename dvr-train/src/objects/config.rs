@@ -19,7 +19,8 @@ use dvr_core::{MirrorAxis, Supervision};
 /// What a single scene's training has, and that of objects has not.
 const HIDDEN: &[&str] = &["hold_out_every", "hull.warm_start_steps", "hull.warm_start_points", "hull.bound_rays"];
 
-/// The threshold of Occupancy Networks' code for single pictures (`configs/img/onet.yaml`; Mescheder et al. 2019).
+/// The threshold of Occupancy Networks' code for single pictures, whose points are uniform (`configs/img/onet.yaml`; Mescheder et
+/// al. 2019).
 const ONET_THRESHOLD: f64 = 0.2;
 
 /// That of fields which are learned at points of visual hulls: thin parts whose place a picture leaves open are nowhere more likely
@@ -29,13 +30,12 @@ const HULL_THRESHOLD: f64 = 0.35;
 /// Share of the points that are drawn in the object's box.
 const BOX_SHARE: f64 = 0.5;
 
+/// Share of the points that are drawn among those that are inside: thin objects fill a hundredth of the cube, and are hardly met
+/// otherwise. The surface is at a half then: what comes to that would be far less likely at points that are uniform.
+const INSIDE_SHARE: f64 = 0.25;
+
 fn half() -> f64 {
     0.5
-}
-
-/// Where fields that are not learned at points of visual hulls have their surface.
-fn threshold_without_hulls(supervision: Supervision) -> f64 {
-    if supervision == Supervision::Occupancy { ONET_THRESHOLD } else { half() }
 }
 
 /// Everything that determines a run over many objects, besides the dataset and the backend.
@@ -72,9 +72,13 @@ pub struct ObjectsConfig {
     pub mirror: Mirror,
     /// Points of each object in a step of `occupancy` supervision, or of its visual hull.
     pub points: usize,
-    /// Share of these that are drawn in the padded box of the object, the others in the padded cube: from 0 to 1.
+    /// Share of these that are drawn in the padded box of the object: from 0 to 1.
     #[serde(default)]
     pub box_share: f64,
+    /// Share of these that are drawn among what is inside the object, which all others in the padded cube hardly meet where it is
+    /// thin: from 0 to what `box_share` leaves.
+    #[serde(default)]
+    pub inside_share: f64,
     /// The occupancy at which the surface lies, between 0 and 1.
     #[serde(default = "half")]
     pub threshold: f64,
@@ -105,7 +109,8 @@ impl ObjectsConfig {
             mirror: Mirror::Off,
             points: 512,
             box_share: if knows_shapes { BOX_SHARE } else { 0.0 },
-            threshold: threshold_without_hulls(supervision),
+            inside_share: if knows_shapes { INSIDE_SHARE } else { 0.0 },
+            threshold: half(),
             validate_objects: 40,
             train: TrainConfig {
                 steps: 9000,
@@ -159,7 +164,8 @@ impl ObjectsConfig {
             mirror: Mirror::Off,
             points: 2048,
             box_share: 0.0,
-            threshold: threshold_without_hulls(supervision),
+            inside_share: 0.0,
+            threshold: if supervision == Supervision::Occupancy { ONET_THRESHOLD } else { half() },
             train: TrainConfig {
                 steps: 300_000,
                 model: decoder,
@@ -212,6 +218,7 @@ impl ObjectsConfig {
         };
         complete("/model", "film", false.into());
         complete("", "hull_occupancy", 0.into());
+        complete("", "inside_share", 0.into());
         complete("", "mirror", "off".into());
         complete("", "threshold", half().into());
         config
@@ -288,6 +295,9 @@ impl ObjectsConfig {
             // Here the decoder is called `model`, as in the configuration of a single scene.
             OutOfRange { key: wrong.key.replace("decoder.", "model."), ..wrong }
         })?;
+        if self.box_share + self.inside_share > 1.0 {
+            return Err(OutOfRange::new("inside_share", self.inside_share, "at most 1 less `box_share`").into());
+        }
         if self.one_view && self.views > 1 {
             return Err(OutOfRange::new("views", self.views, "1 with `one_view`").into());
         }

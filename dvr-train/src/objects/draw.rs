@@ -219,12 +219,22 @@ impl BatchDrawer {
             let remedy = "Occupancy supervision needs it in every object; rgb and depth do not.";
             return Err(dvr_core::Error::format(path, "there is no points.npz, or it is empty", remedy).into());
         };
-        let boxed = (self.config.points as f64 * self.config.box_share).round() as usize;
-        let near = if boxed > 0 { in_padded_box(&samples) } else { Vec::new() };
         let all: Vec<usize> = (0..samples.points.len()).collect();
+        let share = |share: f64| (self.config.points as f64 * share).round() as usize;
+        let (boxed, within) = (share(self.config.box_share), share(self.config.inside_share));
+        let near = if boxed > 0 { in_padded_box(&samples) } else { Vec::new() };
+        let inside = if within > 0 { all.iter().copied().filter(|i| samples.inside[*i]).collect() } else { Vec::new() };
         Ok((0..self.config.points)
             .map(|point| {
-                let among = if point < boxed && !near.is_empty() { &near } else { &all };
+                let among = if point < boxed {
+                    &near
+                } else if point < boxed + within {
+                    &inside
+                } else {
+                    &all
+                };
+                // Nothing is inside.
+                let among = if among.is_empty() { &all } else { among };
                 let i = among[rng.random_range(0..among.len())];
                 (samples.points[i], samples.inside[i])
             })

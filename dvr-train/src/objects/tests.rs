@@ -172,7 +172,7 @@ fn plate() -> (tempfile::TempDir, Arc<ObjectDataset>) {
 fn points_are_drawn_in_the_padded_box_of_the_object_as_often_as_asked_for() {
     let (_folder, dataset) = plate();
     for (share, least, most) in [(0.0, 0.0, 0.25), (0.5, 0.45, 0.7), (1.0, 1.0, 1.0)] {
-        let mut config = ObjectsConfig { box_share: share, ..small(Supervision::Occupancy) };
+        let mut config = ObjectsConfig { box_share: share, inside_share: 0.0, ..small(Supervision::Occupancy) };
         (config.objects, config.points) = (1, 2000);
         let batch = BatchDrawer::new(dataset.clone(), config).unwrap().draw(1).unwrap();
         let Targets::Points(KnownPoints { points, inside, .. }) = batch.targets else { panic!("points") };
@@ -186,10 +186,26 @@ fn points_are_drawn_in_the_padded_box_of_the_object_as_often_as_asked_for() {
 }
 
 #[test]
+fn points_are_drawn_inside_the_object_as_often_as_asked_for() {
+    let (_folder, dataset) = plate();
+    for (share, least, most) in [(0.0, 0.0, 0.03), (0.25, 0.25, 0.28), (1.0, 1.0, 1.0)] {
+        let mut config = ObjectsConfig { box_share: 0.0, inside_share: share, ..small(Supervision::Occupancy) };
+        (config.objects, config.points) = (1, 2000);
+        config.check().unwrap();
+        let batch = BatchDrawer::new(dataset.clone(), config).unwrap().draw(1).unwrap();
+        let Targets::Points(KnownPoints { inside, .. }) = batch.targets else { panic!("points") };
+        let found = inside.iter().filter(|inside| **inside).count() as f64 / inside.len() as f64;
+        assert!((least..=most).contains(&found), "{found} of the points for a share of {share}");
+    }
+    let both = ObjectsConfig { box_share: 0.6, inside_share: 0.5, ..small(Supervision::Occupancy) };
+    assert!(both.check().unwrap_err().to_string().contains("inside_share"));
+}
+
+#[test]
 fn the_surface_lies_at_the_threshold_in_validation_and_in_what_a_checkpoint_gives() {
     let (_folder, dataset) = dataset();
     let config = small(Supervision::Occupancy);
-    assert_eq!(config.threshold, 0.2);
+    assert_eq!(config.threshold, 0.5);
     let mut trainer = ObjectsTrainer::new(dataset.clone(), config.clone(), Device::flex()).unwrap();
     trainer.step().unwrap();
     let logits = |threshold: f64| {
