@@ -10,7 +10,8 @@
 #
 # Scenes: those that this script renders, the demo scene, and with DVR_SCENES=DIR downloaded ones (docs/guide/scenes.md); the part
 # `photographs` takes those of its scenes that are there. DVR_SEEDS=1 takes one seed in place of three, for a look. Takes `dvr` from $DVR,
-# else builds it with --release. Nothing else should run meanwhile.
+# else builds it with --release; DVR_BEFORE, another build of it, has a column beside it in `stress-photographs`. Nothing else should run
+# meanwhile.
 set -eu
 
 root=$(cd "$(dirname "$0")/.." && pwd)
@@ -18,7 +19,7 @@ root=$(cd "$(dirname "$0")/.." && pwd)
 
 write=no
 
-usage() { sed -n '2,14s/^# \{0,1\}//p' "$0" >&2; exit 2; }
+usage() { sed -n '2,15s/^# \{0,1\}//p' "$0" >&2; exit 2; }
 
 # Whether the scenes of a part are there: all for a page, some where a part takes some.
 has_scenes() {

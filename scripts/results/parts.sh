@@ -17,7 +17,7 @@ minutes_of() {
         stress) echo 25 ;;
         stress-masks) echo 8 ;;
         stress-cameras) echo 10 ;;
-        stress-photographs) echo 20 ;;
+        stress-photographs) echo 25 ;;
         stress-network) echo 30 ;;
         furniture) echo 8 ;;
         objects) echo 240 ;;
@@ -131,7 +131,7 @@ shown() {
     for argument in "$@"; do
         case $argument in *[!A-Za-z0-9_./,:=+-]*) argument="'$argument'" ;; esac
         printf '%s ' "$argument"
-    done | sed "s#$out/##g; s#${DVR_SCENES:-/nonexistent}/##g; s# \$##"
+    done | sed "s#$out/##g; s#${DVR_SCENES:-/nonexistent}/##g; s#${DVR_BEFORE:-/nonexistent}#OLD/dvr#g; s# \$##"
 }
 
 # Puts pictures in front of the table of a block.
@@ -297,7 +297,8 @@ part_stress_cameras() {
 }
 
 part_stress_photographs() {
-    stress stress_photographs docs/results/stress_photographs.md --methods hull,grid --seeds "$SEEDS" --axis photographs
+    stress stress_photographs docs/results/stress_photographs.md --methods hull,grid --seeds "$SEEDS" --axis photographs,exposure,cut,one-sided \
+        ${DVR_BEFORE:+--variant "before:program=$DVR_BEFORE"}
     for chart in "$out"/stress_photographs/charts/*.svg; do charts stress_photographs "$(basename "$chart" .svg)"; done
 }
 
