@@ -2,8 +2,9 @@
 
     python3 scripts/checks/points_floor.py POINTS...
 
-POINTS are NPZ files with `points`. Each point is compared with the plane through its 12 nearest points, where these 12 lie flattest (a third of all). Where the surface is
-flat, that is the noise of the point and of the plane; the plane's share (3 of 12 in the variance) is taken off. Needs NumPy and SciPy.
+POINTS are NPZ files with `points`. Each point is compared with the plane through its 12 nearest points, where these 12 lie flattest (a third
+of all). Where the surface is flat, that is the noise of the point and of the plane; the plane's share (3 of 12 in the variance) is taken
+off. Needs NumPy and SciPy.
 """
 
 import sys
