@@ -84,6 +84,13 @@ there() {
     done
 }
 
+# Arguments that measure by verified points, where one of some scenes has them.
+points_of() { # SCENE...
+    for scene in "$@"; do
+        [ ! -f "$scene/$POINTS" ] || { echo "--points $POINTS"; return; }
+    done
+}
+
 # Puts a block into its page, if it has one and pages are to be written.
 insert() { # PAGE NAME
     [ "$write" = yes ] && [ "$1" != - ] || return 0
@@ -215,11 +222,7 @@ part_speed() {
 ablate() { # NAME FIGURES SETTINGS FLAT SCENE...
     name=$1 figures=$2 shared=$3 flat=$4
     shift 4
-    points=
-    for scene in "$@"; do
-        [ ! -f "$scene/$POINTS" ] || points="--points $POINTS"
-    done
-    bench "$name" - "$@" $points --methods hull --seeds "$SEEDS" \
+    bench "$name" - "$@" $(points_of "$@") --methods hull --seeds "$SEEDS" \
         --variant "base:$shared" \
         --variant "no-photo-consistency:$shared,losses.photo_consistency.weight=0" \
         --variant "no-patch-ncc:$shared,losses.patch_ncc.weight=0" \
@@ -268,10 +271,7 @@ bench_there() { # NAME SCENES ARGUMENT...
     name=$1 found=$(there $2)
     shift 2
     [ -n "$found" ] || return 0
-    for scene in $found; do
-        [ ! -f "$scene/$POINTS" ] || { set -- "$@" --points "$POINTS"; break; }
-    done
-    bench "$name" docs/results/photographs.md $found "$@"
+    bench "$name" docs/results/photographs.md $found "$@" $(points_of $found)
 }
 
 part_photographs() {

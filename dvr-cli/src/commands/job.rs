@@ -9,12 +9,13 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result, bail};
 use clap::Parser;
 use dvr_core::Cancellation;
-use dvr_core::record::Digest;
+use dvr_core::record::{Digest, RecordKey};
 use dvr_train::{RunFolder, RunMetrics};
 use serde_json::{Value, json};
 
 use super::child::{EndedChild, run_child};
 use super::method_of_args::method_of_args;
+use super::provenance::record_key;
 use super::{SCENE_RESOLUTION, SceneReading, mesh_options};
 use crate::args::{self, Cli, TrainArgs, Variant};
 
@@ -67,10 +68,11 @@ impl Job<'_> {
     /// # Errors
     /// When it cannot be started, an earlier run's figures cannot be removed, or somebody wanted it to end.
     pub fn run(&self) -> Result<Ended> {
-        match self.program() {
-            Some(program) => self.run_by(&std::path::absolute(program)?),
-            None => self.run_by(&std::env::current_exe().context("this program cannot be started again")?),
-        }
+        let program = match self.program() {
+            Some(program) => std::path::absolute(program)?,
+            None => std::env::current_exe().context("this program cannot be started again")?,
+        };
+        self.run_by(&program)
     }
 
     /// The program that trains, where it is not this one.
@@ -126,27 +128,37 @@ impl Job<'_> {
         arguments
     }
 
-    /// All settings of the run, defaults included, and the program that trains where it is not this one.
+    /// All settings of the run, defaults included.
     ///
     /// # Errors
-    /// When the training would refuse them, or the program's file cannot be read.
+    /// When the training would refuse them.
     pub fn settings(&self) -> Result<Value> {
         let arguments = [OsString::from("dvr")].into_iter().chain(self.arguments());
         let args::Command::Train(train) = Cli::try_parse_from(arguments)?.command else { bail!("no training") };
         let TrainArgs { refine_cameras, follow_shape, time, .. } = *train;
-        let mut settings = json!({
+        Ok(json!({
             "method": method_of_args(&train, false)?.record()?,
             "reading": SceneReading::of_arguments(&train.reading),
             "meshing": format!("{:?}", mesh_options(&train.meshing, SCENE_RESOLUTION, &Cancellation::default())),
             "refine_cameras": refine_cameras,
             "follow_shape": follow_shape,
             "time": time,
-        });
+        }))
+    }
+
+    /// The key of a row of this training on a scene, with these settings: [`Job::settings`], and what else is measured. Another
+    /// program that trains is named by its file.
+    ///
+    /// # Errors
+    /// When the file of a program cannot be read.
+    pub fn record_key(&self, scene: Digest, settings: &Value) -> Result<RecordKey> {
+        let mut key = record_key(scene, settings, "cpu")?;
         if let Some(program) = self.program() {
             let digest = Digest::of_file(program).with_context(|| format!("{PROGRAM}{}", program.display()))?;
-            settings["program"] = json!(digest);
+            let name = program.file_name().unwrap_or(program.as_os_str()).to_string_lossy();
+            key.program += &format!(", trained by {name} (binary {digest})");
         }
-        Ok(settings)
+        Ok(key)
     }
 }
 
@@ -230,19 +242,21 @@ mod tests {
     }
 
     #[test]
-    fn settings_tell_programs_apart_by_their_files() {
+    fn keys_name_another_program_and_tell_it_apart_by_its_file() {
         let folder = tempfile::tempdir().unwrap();
         let (run, token) = (RunFolder::new("run"), Cancellation::default());
         let program = folder.path().join("dvr");
         let of_program = variant(&[&format!("program={}", program.display())]);
-        let settings = || job(&run, &of_program, &token).settings();
-        let missing = format!("{:#}", settings().unwrap_err());
+        let scene = || Digest::of_bytes(b"scene");
+        let key = || job(&run, &of_program, &token).record_key(scene(), &json!({}));
+        let missing = format!("{:#}", key().unwrap_err());
         assert!(missing.contains("program=") && missing.contains("dvr"), "{missing}");
         std::fs::write(&program, "one build").unwrap();
-        let one = settings().unwrap();
-        assert_ne!(one, job(&run, &variant(&[]), &token).settings().unwrap());
+        let one = key().unwrap();
+        let own = job(&run, &variant(&[]), &token).record_key(scene(), &json!({})).unwrap();
+        assert!(one.program.starts_with(&own.program) && one.program.contains("trained by dvr (binary "), "{one:?}");
         std::fs::write(&program, "another").unwrap();
-        assert_ne!(settings().unwrap(), one);
+        assert_ne!(key().unwrap(), one);
     }
 
     #[cfg(unix)]

@@ -15,7 +15,6 @@ use super::results::Outcome;
 use crate::args::{BenchArgs, Variant};
 use crate::commands::job::{Ended, Job};
 use crate::commands::kept_row::{Kept, keep, kept};
-use crate::commands::provenance::record_key;
 
 /// A scene of the benchmark.
 pub struct BenchScene {
@@ -115,7 +114,7 @@ impl<'a> Run<'a> {
             // The scene's digest has the points themselves.
             settings["points"] = json!(args.points);
         }
-        let key = record_key(scene.digest.clone(), &settings, "cpu")?;
+        let key = job.record_key(scene.digest.clone(), &settings)?;
         Ok(Self { scene, variant, supervision, seed, folder, key })
     }
 

@@ -72,16 +72,14 @@ impl Task<'_> {
 
     /// The key of this cell on a scene of that digest.
     fn key(&self, scene: Digest) -> Result<RecordKey> {
-        let settings = match self.axis.kind {
-            Kind::Gradient(_) => json!({ "slope_rule": self.variant.name }),
-            Kind::Scene(_) => {
-                let (path, folder) = (self.scene().folder(), self.run_folder());
-                self.job(&path, &folder, &Cancellation::default()).settings().with_context(|| self.name())?
-            }
-        };
         let Self { axis, difficulty, seed, .. } = self;
-        let measured = json!({ "axis": axis.name, "difficulty": difficulty, "seed": seed, "method": settings });
-        record_key(scene, &measured, "cpu")
+        let of = |settings| json!({ "axis": axis.name, "difficulty": difficulty, "seed": seed, "method": settings });
+        if let Kind::Gradient(_) = axis.kind {
+            return record_key(scene, &of(json!({ "slope_rule": self.variant.name })), "cpu");
+        }
+        let (path, folder, token) = (self.scene().folder(), self.run_folder(), Cancellation::default());
+        let job = self.job(&path, &folder, &token);
+        job.record_key(scene, &of(job.settings().with_context(|| self.name())?))
     }
 
     /// What is kept of it, on the scene as it lies there.
