@@ -153,6 +153,16 @@ impl Refinement {
         self.carving = None;
     }
 
+    /// Whether stereo has a say in where the surface starts.
+    pub fn has_stereo(&self) -> bool {
+        self.fused.is_some()
+    }
+
+    /// Forgets what stereo says of the surface.
+    pub fn forget_stereo(&mut self) {
+        self.fused = None;
+    }
+
     /// Distances of the masks' outlines, in the order of the training views.
     pub fn masks(&self) -> &[MaskDistance] {
         &self.masks

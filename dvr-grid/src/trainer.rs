@@ -95,6 +95,7 @@ impl<'a> GridTrainer<'a> {
             notes.extend(contradictions(&train, &masks, cancellation)?);
         }
         let mut refinement = Refinement::new(masks, &train, &config, cancellation)?;
+        notes.extend(Self::doubt_stereo(&train, &config, &mut refinement)?);
         if refinement.is_hollowed() {
             let note;
             (refinement, note) = Self::judged_hollows(&train, &config, refinement, cancellation)?;
@@ -433,5 +434,6 @@ pub fn stereo_depths(
 mod checkpoint;
 mod hollows;
 mod passes;
+mod shine;
 #[cfg(test)]
 mod tests;

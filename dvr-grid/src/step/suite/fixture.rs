@@ -63,6 +63,12 @@ fn view(eye: DVec3, paint: fn(DVec3) -> [f64; 3]) -> View {
     View { depth, ..View::new(eye.to_string(), camera, stored(image), Mask::from(mask)) }
 }
 
+/// So many photographs of the true ball, speckled, eleven degrees apart: near enough for stereo.
+pub(crate) fn speckled_arc(views: usize) -> Vec<View> {
+    let eye = |turn: f64| DVec3::new(1.5 * turn.sin(), 0.3, -1.5 * turn.cos());
+    (0..views).map(|i| view(eye(0.2 * i as f64), speckles)).collect()
+}
+
 /// Photographs, grids and settings of a step.
 pub(crate) struct Fixture {
     pub config: GridConfig,

@@ -20,8 +20,8 @@ use crate::step::backend::StepBackend;
 use crate::step::cpu::CpuBackend;
 use crate::step::draw::draw;
 use crate::step::record::RayRecord;
-pub(crate) use fixture::Fixture;
 use fixture::SIZE;
+pub(crate) use fixture::{Fixture, speckled_arc};
 
 /// A backend that tests look into.
 trait Inspected: StepBackend {
