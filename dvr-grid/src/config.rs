@@ -64,7 +64,8 @@ pub struct GridConfig {
     /// Pixels whose depth is looked for all along their way through the hull before training; 0 starts from the hull
     /// as it is. Finds the insides of bowls, which lie too far behind the hull for gradients.
     pub plane_sweep_pixels: usize,
-    /// Cells along an edge of the distance field that stereo fuses before training; 0 starts from the hull as it is.
+    /// Cells along an edge of the distance field that stereo fuses before training; 0 starts without, and so does what shines while
+    /// [`Self::trusts_colors`] is [`ColorTrust::Measured`].
     pub stereo_cells: usize,
     /// How far raw colours may shape the surface.
     pub trusts_colors: ColorTrust,

@@ -30,6 +30,8 @@ pub(crate) struct Refinement {
     /// Cells from which on grids have the carving.
     carved_from: usize,
     fused: Option<FusedDistance>,
+    /// Whether stereo was forgotten.
+    stereo_is_doubted: bool,
     /// What stereo found before training, of each view.
     pub depths: Vec<StereoDepth>,
     cancellation: Cancellation,
@@ -54,6 +56,7 @@ impl Refinement {
             carving: None,
             carved_from: 0,
             fused: None,
+            stereo_is_doubted: false,
             depths: Vec::new(),
             cancellation: cancellation.clone(),
             mean_color,
@@ -161,6 +164,12 @@ impl Refinement {
     /// Forgets what stereo says of the surface.
     pub fn forget_stereo(&mut self) {
         self.fused = None;
+        self.stereo_is_doubted = true;
+    }
+
+    /// Whether what stereo says was forgotten.
+    pub fn doubts_stereo(&self) -> bool {
+        self.stereo_is_doubted
     }
 
     /// Distances of the masks' outlines, in the order of the training views.

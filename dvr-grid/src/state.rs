@@ -31,6 +31,9 @@ pub(crate) struct Progress {
     /// measured anew within fifty steps.
     #[serde(alias = "color_trust")]
     pub agreement: u64,
+    /// Whether stereo was left out of the start, which parameters are added to.
+    #[serde(default)]
+    pub doubts_stereo: bool,
     /// The exposure of each training view; empty where all are as they are.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub exposures: Vec<Exposure>,
@@ -90,6 +93,11 @@ fn values(tensors: &SafeTensors, name: &str) -> Result<Vec<f32>> {
     let tensor = tensors.tensor(name).map_err(broken)?;
     let (words, _) = tensor.data().as_chunks::<4>();
     Ok(words.iter().map(|&word| f32::from_le_bytes(word)).collect())
+}
+
+/// The state was learned on another start than this build makes.
+pub(crate) fn started_otherwise() -> Error {
+    broken("another build of the program began it, whose start had stereo where this one leaves it out: train anew")
 }
 
 /// The state does not belong to this run.

@@ -95,7 +95,7 @@ impl<'a> GridTrainer<'a> {
             notes.extend(contradictions(&train, &masks, cancellation)?);
         }
         let mut refinement = Refinement::new(masks, &train, &config, cancellation)?;
-        notes.extend(Self::doubt_stereo(&train, &config, &mut refinement)?);
+        notes.extend(Self::judge_stereo(&train, &config, &mut refinement)?);
         if refinement.is_hollowed() {
             let note;
             (refinement, note) = Self::judged_hollows(&train, &config, refinement, cancellation)?;
@@ -274,8 +274,7 @@ impl<'a> GridTrainer<'a> {
     fn solve_exposures(&mut self) -> Result<()> {
         let shape = self.backend.shape_values()?;
         let PyramidLevel { views, order, .. } = &self.photographs;
-        let solved = exposure::solve(&shape, views, order, &self.config, self.rays_drawn);
-        let believed = solved.filter(|solved| solved.check.is_passed());
+        let believed = exposure::believed(&shape, views, order, &self.config, self.rays_drawn);
         let was_corrected = !self.exposures.is_empty();
         match &believed {
             Some(solved) if !was_corrected => self.notes.push(solved.note()),
@@ -434,6 +433,6 @@ pub fn stereo_depths(
 mod checkpoint;
 mod hollows;
 mod passes;
-mod shine;
+mod stereo;
 #[cfg(test)]
 mod tests;

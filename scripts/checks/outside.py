@@ -3,8 +3,9 @@
     python3 scripts/checks/outside.py TRUTH MESH...
 
 All are PLY files, TRUTH of the true surface, with faces that turn outwards. Needs NumPy and SciPy. Outside is where three quarters of the
-directions that the true surface faces are free of itself. Prints, in edges of the object's box: distances from the true surface there to
-each mesh and normals at these places, then the same from the mesh to the truth, where the nearest true place is outside.
+directions that the true surface faces are free of itself. Prints, in the longest edge of the object's box: the mean distance from places of
+the true surface there to each mesh, and the mean cosine between their normals and those of the mesh nearby; then the same from the mesh to
+the true surface, for places whose nearest true place is outside.
 """
 
 import sys
@@ -13,6 +14,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ply import read_ply
+from points import distances
 
 VOXELS = 96
 MARGIN = 4
@@ -22,9 +24,10 @@ PLACES = 30_000
 DENSE = 1_500_000
 
 
-def surface(path, count, rng):
+def sampled(mesh, count):
     """Places that are uniform on a mesh, and its normals there."""
-    vertices, faces = read_ply(path)
+    rng = np.random.default_rng(0)
+    vertices, faces = mesh
     a, b, c = (vertices[faces[:, corner]] for corner in range(3))
     cross = np.cross(b - a, c - a)
     twice = np.linalg.norm(cross, axis=1)
@@ -35,9 +38,9 @@ def surface(path, count, rng):
     return places, cross[of] / np.maximum(twice[of], 1e-300)[:, None]
 
 
-def free_share(places, normals, voxels, voxel_of, size, rng):
+def free_share(places, normals, voxels, voxel_of, size):
     """The share of the directions that places face in which no voxel of the surface lies."""
-    directions = rng.normal(size=(DIRECTIONS, 3))
+    directions = np.random.default_rng(0).normal(size=(DIRECTIONS, 3))
     directions /= np.linalg.norm(directions, axis=1)[:, None]
     free, asked = np.zeros(len(places)), np.zeros(len(places))
     for direction in directions:
@@ -54,15 +57,9 @@ def free_share(places, normals, voxels, voxel_of, size, rng):
     return free / np.maximum(asked, 1)
 
 
-def nearest(places, tree, others, normals):
-    """Which of the other places is nearest, and how far its tangent plane, or it itself where that is less sure."""
-    away, of = tree.query(places)
-    return of, np.minimum(np.abs(np.einsum("ij,ij->i", places - others[of], normals[of])), away)
-
-
 def main():
-    rng = np.random.default_rng(0)
-    dense, dense_normals = surface(sys.argv[1], DENSE, rng)
+    true_mesh = read_ply(sys.argv[1])
+    dense, dense_normals = sampled(true_mesh, DENSE)
     corner = dense.min(0)
     edge = (dense.max(0) - corner).max()
     size = edge / VOXELS
@@ -73,19 +70,20 @@ def main():
     voxels = np.zeros((VOXELS + 2 * MARGIN + 1,) * 3, bool)
     voxels[tuple(voxel_of(dense).T)] = True
     truth, normals = dense[:PLACES], dense_normals[:PLACES]
-    outside = free_share(truth, normals, voxels, voxel_of, size, rng) >= FREE
+    outside = free_share(truth, normals, voxels, voxel_of, size) >= FREE
     print(f"outside: {outside.mean():.0%} of the surface")
-    true_tree = cKDTree(truth)
+    near_truth, near_dense = cKDTree(truth), cKDTree(dense)
     for path in sys.argv[2:]:
-        places, found = surface(path, DENSE, rng)
-        of, off = nearest(truth[outside], cKDTree(places), places, found)
-        alike = np.abs(np.einsum("ij,ij->i", found[of], normals[outside]))
-        back, back_off = nearest(places[:PLACES], true_tree, truth, normals)
-        there = outside[back]
-        back_alike = np.abs(np.einsum("ij,ij->i", found[:PLACES][there], normals[back][there]))
-        print(f"{path}: to the mesh {off.mean() / edge:.4f}, normals {alike.mean():.3f}, "
-              f"{(alike > np.cos(np.radians(10))).mean():.0%} within 10 degrees; "
-              f"from the mesh {back_off[there].mean() / edge:.4f}, normals {back_alike.mean():.3f}")
+        mesh = read_ply(path)
+        places, found = sampled(mesh, DENSE)
+        to_mesh = distances(truth[outside], *mesh)
+        cosine = np.einsum("ij,ij->i", found[cKDTree(places).query(truth[outside])[1]], normals[outside])
+        places, found = places[:PLACES], found[:PLACES]
+        is_outside = outside[near_truth.query(places)[1]]
+        from_mesh = distances(places[is_outside], *true_mesh)
+        back = np.einsum("ij,ij->i", dense_normals[near_dense.query(places[is_outside])[1]], found[is_outside])
+        print(f"{path}: to the mesh {to_mesh.mean() / edge:.4f}, normals {cosine.mean():.3f}; "
+              f"from the mesh {from_mesh.mean() / edge:.4f}, normals {back.mean():.3f}")
 
 
 if __name__ == "__main__":

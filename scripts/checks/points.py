@@ -41,6 +41,17 @@ def to_triangles(point, a, b, c):
     return np.where(is_inside, np.abs(height), edges).min()
 
 
+def distances(places, vertices, faces):
+    """Distances of places to a mesh."""
+    a, b, c = (vertices[faces[:, corner]] for corner in range(3))
+    middles = (a + b + c) / 3
+    radius = max(np.linalg.norm(corner - middles, axis=1).max() for corner in (a, b, c))
+    near_corner, near_middle = cKDTree(vertices[np.unique(faces)]), cKDTree(middles)
+    most = near_corner.query(places)[0] + radius
+    candidates = near_middle.query_ball_point(places, most * (1 + 1e-9))
+    return np.array([to_triangles(p, a[of], b[of], c[of]) for p, of in zip(places, candidates)])
+
+
 def say(who, figures):
     """A line of figures."""
     names = ["mean", "median", "90 % below"]
@@ -50,15 +61,8 @@ def say(who, figures):
 def main():
     mesh, points = Path(sys.argv[1]), Path(sys.argv[2])
     vertices, faces = read_ply(mesh)
-    a, b, c = (vertices[faces[:, corner]] for corner in range(3))
-    middles = (a + b + c) / 3
-    radius = max(np.linalg.norm(corner - middles, axis=1).max() for corner in (a, b, c))
-    near_corner, near_middle = cKDTree(vertices[np.unique(faces)]), cKDTree(middles)
-    places = np.load(points)["points"].astype(np.float64)
-    most = near_corner.query(places)[0] + radius
-    candidates = near_middle.query_ball_point(places, most * (1 + 1e-9))
-    distances = np.array([to_triangles(p, a[of], b[of], c[of]) for p, of in zip(places, candidates)])
-    say("apart", [distances.mean(), *np.quantile(distances, [0.5, 0.9])])
+    found = distances(np.load(points)["points"].astype(np.float64), vertices, faces)
+    say("apart", [found.mean(), *np.quantile(found, [0.5, 0.9])])
     with tempfile.TemporaryDirectory() as folder:
         figures = Path(folder) / "figures.json"
         call = [os.environ.get("DVR", "dvr"), "eval", mesh, "--points", points, "--json", figures]

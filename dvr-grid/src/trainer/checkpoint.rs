@@ -23,6 +23,7 @@ impl GridTrainer<'_> {
             finished: self.finished,
             rays_drawn: self.rays_drawn,
             agreement: self.agreement.0.to_bits(),
+            doubts_stereo: self.refinement.doubts_stereo(),
             exposures: self.exposures.clone(),
         };
         let training = state::to_bytes(&progress, &grids, kept)?;
@@ -39,6 +40,9 @@ impl GridTrainer<'_> {
         let fits = progress.exposures.is_empty() || progress.exposures.len() == self.names.len();
         if !fits || !progress.exposures.iter().all(|exposure| exposure.is_sound()) {
             return Err(state::misfit());
+        }
+        if progress.doubts_stereo != self.refinement.doubts_stereo() {
+            return Err(state::started_otherwise());
         }
         // Before any grid is made: cells are memory by their cube.
         if progress.cells > self.config.last_cells().max(grids.cells()) {
