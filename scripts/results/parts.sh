@@ -128,7 +128,7 @@ stress() { # NAME PAGE ARGUMENT...
     # Break points first; the axes one by one further down the page, each with its chart.
     awk '/^### / { exit } { print }' "$out/$name/table.md" > "$out/$name/points.md"
     block "$name" "$page" "$out/$name/points.md" "dvr stress --out DIR $(shown "$@")"
-    awk -f scripts/results/axes.awk "$out/$name/table.md" > "$out/blocks/${name}_axes.md"
+    awk -v prefix="${chart_prefix:-}" -f scripts/results/axes.awk "$out/$name/table.md" > "$out/blocks/${name}_axes.md"
     insert "$page" "${name}_axes"
     publish "$out/$name/results.csv" "$name.csv"
 }
@@ -297,9 +297,12 @@ part_stress_cameras() {
 }
 
 part_stress_photographs() {
+    # Some of its axes are those of another page, without the earlier build.
+    chart_prefix=photographs-
     stress stress_photographs docs/results/stress_photographs.md --methods hull,grid --seeds "$SEEDS" --axis photographs,exposure,cut,one-sided \
         ${DVR_BEFORE:+--variant "before:program=$DVR_BEFORE"}
-    for chart in "$out"/stress_photographs/charts/*.svg; do charts stress_photographs "$(basename "$chart" .svg)"; done
+    for chart in "$out"/stress_photographs/charts/*.svg; do publish "$chart" "charts/$chart_prefix$(basename "$chart")"; done
+    chart_prefix=
 }
 
 part_stress_network() {
