@@ -274,15 +274,15 @@ impl<'a> GridTrainer<'a> {
     fn solve_exposures(&mut self) -> Result<()> {
         let shape = self.backend.shape_values()?;
         let PyramidLevel { views, order, .. } = &self.photographs;
-        let believed = exposure::believed(&shape, views, order, &self.config, self.rays_drawn);
+        let solved = exposure::solve(&shape, views, order, &self.config, self.rays_drawn);
         let was_corrected = !self.exposures.is_empty();
-        match &believed {
+        match &solved {
             Some(solved) if !was_corrected => self.notes.push(solved.note()),
             None if was_corrected => self.notes.push("exposures are no longer corrected".to_owned()),
             _ => {}
         }
-        if believed.is_some() || was_corrected {
-            self.expose(believed.map_or(Vec::new(), |solved| solved.exposures))?;
+        if solved.is_some() || was_corrected {
+            self.expose(solved.map_or(Vec::new(), |solved| solved.exposures))?;
         }
         Ok(())
     }

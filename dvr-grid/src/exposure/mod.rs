@@ -77,18 +77,7 @@ impl Solved {
 
 /// From the present surface, with the pixels that come after `rays_drawn`; `None` where factors of the light are not what views
 /// differ by, or they hardly see the same.
-pub(crate) fn believed(
-    shape: &BrickValues<1>,
-    views: &[TrainingView],
-    order: &PixelOrder,
-    config: &GridConfig,
-    rays_drawn: u64,
-) -> Option<Solved> {
-    solve(shape, views, order, config, rays_drawn).filter(|solved| solved.check.is_passed())
-}
-
-/// The same, whatever its check says.
-fn solve(
+pub(crate) fn solve(
     shape: &BrickValues<1>,
     views: &[TrainingView],
     order: &PixelOrder,
@@ -96,7 +85,7 @@ fn solve(
     rays_drawn: u64,
 ) -> Option<Solved> {
     let samples = samples(shape, views, order, config, rays_drawn);
-    let check = check(&samples, views.len())?;
+    let check = check(&samples, views.len()).filter(Check::is_passed)?;
     let logs = [0, 1, 2].map(|channel| gains(&ratios(&samples, channel, |_| true), views.len()));
     let of_view = |view: usize| Exposure::from_logs([0, 1, 2].map(|channel| logs[channel][view]));
     Some(Solved { exposures: (0..views.len()).map(of_view).collect(), check })

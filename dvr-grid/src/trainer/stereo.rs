@@ -34,7 +34,7 @@ impl GridTrainer<'_> {
             return Ok(None);
         }
         if config.exposure == ExposureCorrection::Auto
-            && let Some(solved) = exposure::believed(shape, &photographs.views, &photographs.order, config, 0)
+            && let Some(solved) = exposure::solve(shape, &photographs.views, &photographs.order, config, 0)
         {
             photographs.expose(&solved.exposures);
         }
