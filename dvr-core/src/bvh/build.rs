@@ -1,158 +1,135 @@
-//! Top-down construction by the binned surface area heuristic (Wald 2007).
+//! Construction along a space-filling curve (Lauterbach et al. 2009): triangles are sorted by the Morton codes of their
+//! centres, and a node is split where the highest bit changes. For the triangles of extracted surfaces, which are of about one
+//! size, rays meet no more boxes than where splits are searched for, and the tree is there in a fraction of the time.
 
 use glam::Vec3;
+use rayon::prelude::*;
 
 use super::node::Node;
 
 /// Triangles a leaf may hold before a split is tried.
 const LEAF_SIZE: usize = 4;
-/// Candidate planes of a split are the borders between this many bins.
-const BINS: usize = 16;
 /// Triangles up to which one thread builds a part of the tree.
 const ALONE: usize = 1 << 13;
+/// Cells along an edge of the box of all centres, as bits: three times as many are a code.
+const BITS: u32 = 21;
 /// Below this depth nodes are halved by count, so that no input makes the tree deeper than the traversal's stack.
-pub(super) const MAX_SAH_DEPTH: usize = 32;
+pub(super) const MAX_CODE_DEPTH: usize = 32;
 
-/// A face while the tree is built.
+/// A face by the place of its centre on the curve; equal places in the order of faces.
+type Coded = (u64, u32);
+
+/// The faces in the order of the leaves, and the tree: its root comes first, the children of an inner node lie side by side, and
+/// leaves name their faces by place.
+pub(super) fn build(triangles: &[[Vec3; 3]]) -> (Vec<u32>, Vec<Node>) {
+    let centers = || triangles.par_iter().map(|&triangle| center(triangle));
+    let low = centers().reduce(|| Vec3::INFINITY, Vec3::min);
+    let high = centers().reduce(|| Vec3::NEG_INFINITY, Vec3::max);
+    let cells = ((1 << BITS) - 1) as f32 / (high - low);
+    let coded = |(face, &triangle): (usize, &[Vec3; 3])| {
+        // No width along an axis, and what is not a number, is cell 0.
+        let cell = ((center(triangle) - low) * cells).to_array().map(|cell| cell as u32);
+        (morton(cell), face as u32)
+    };
+    let mut order: Vec<Coded> = triangles.par_iter().enumerate().map(coded).collect();
+    order.par_sort_unstable();
+    let nodes = Part { triangles, order: &order, first: 0, depth: 0 }.tree((triangles.len() / 64).max(ALONE));
+    (order.into_par_iter().map(|(_, face)| face).collect(), nodes)
+}
+
+/// Of a face's box.
+fn center([a, b, c]: [Vec3; 3]) -> Vec3 {
+    0.5 * (a.min(b).min(c) + a.max(b).max(c))
+}
+
+/// The bits of three numbers by turns.
+fn morton(cell: [u32; 3]) -> u64 {
+    let spread = |number: u32| {
+        let mut bits = u64::from(number);
+        for (shift, mask) in [
+            (32, 0x1f_0000_0000_ffff),
+            (16, 0x1f_0000_ff00_00ff),
+            (8, 0x100f_00f0_0f00_f00f),
+            (4, 0x10c3_0c30_c30c_30c3),
+            (2, 0x1249_2492_4924_9249),
+        ] {
+            bits = (bits | bits << shift) & mask;
+        }
+        bits
+    };
+    spread(cell[0]) << 2 | spread(cell[1]) << 1 | spread(cell[2])
+}
+
+/// Faces that follow each other on the curve, and become a node.
 #[derive(Clone, Copy)]
-pub(super) struct Primitive {
-    pub(super) face: u32,
-    low: Vec3,
-    high: Vec3,
-    center: Vec3,
+struct Part<'a> {
+    triangles: &'a [[Vec3; 3]],
+    order: &'a [Coded],
+    /// Place of the first.
+    first: usize,
+    depth: usize,
 }
 
-impl Primitive {
-    pub(super) fn new(face: u32, [a, b, c]: [Vec3; 3]) -> Self {
-        let (low, high) = (a.min(b).min(c), a.max(b).max(c));
-        Self { face, low, high, center: 0.5 * (low + high) }
+impl Part<'_> {
+    /// The tree of it; what has more faces than `alone` is halved among threads.
+    fn tree(self, alone: usize) -> Vec<Node> {
+        let empty = Node::new(Vec3::INFINITY, Vec3::NEG_INFINITY, 0, 0);
+        let mut nodes = vec![empty];
+        if self.order.len() <= alone {
+            self.build(0, &mut nodes);
+            return nodes;
+        }
+        let [left, right] = self.halves();
+        let (left, right) = rayon::join(|| left.tree(alone), || right.tree(alone));
+        nodes[0] = Node::around(&left[0], &right[0], 1);
+        nodes.extend([empty; 2]);
+        nodes.reserve(left.len() + right.len());
+        graft(&mut nodes, 1, &left);
+        graft(&mut nodes, 2, &right);
+        nodes
     }
-}
 
-/// A tree whose root comes first; the children of an inner node lie side by side, and leaves name their primitives by place.
-pub(super) fn build(primitives: &mut [Primitive]) -> Vec<Node> {
-    let mut builder = Builder { nodes: Vec::with_capacity(primitives.len().max(1)), second: Vec::new() };
-    builder.nodes.push(Node { low: Vec3::INFINITY, high: Vec3::NEG_INFINITY, first: 0, count: 0 });
-    builder.build(0, primitives, 0, 0);
-    builder.nodes
-}
-
-/// The tree so far.
-struct Builder {
-    nodes: Vec<Node>,
-    /// The second half of a split while the first is brought together.
-    second: Vec<Primitive>,
-}
-
-impl Builder {
-    /// Makes `node` hold these primitives, the first of which is that of number `first`, and splits them while that pays.
-    fn build(&mut self, node: usize, primitives: &mut [Primitive], first: usize, depth: usize) {
-        let low = primitives.iter().fold(Vec3::INFINITY, |low, p| low.min(p.low));
-        let high = primitives.iter().fold(Vec3::NEG_INFINITY, |high, p| high.max(p.high));
-        self.nodes[node] = Node { low, high, first: first as u32, count: primitives.len() as u32 };
-        if primitives.len() <= LEAF_SIZE {
+    /// Makes `node` hold these faces, behind all nodes what is below it.
+    fn build(self, node: usize, nodes: &mut Vec<Node>) {
+        if self.order.len() <= LEAF_SIZE {
+            let corners = self.order.iter().flat_map(|&(_, face)| self.triangles[face as usize]);
+            let (low, high) = corners
+                .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), corner| (low.min(corner), high.max(corner)));
+            nodes[node] = Node::new(low, high, self.first as u32, self.order.len() as u32);
             return;
         }
-        let half = self.split(primitives, depth);
-        let child = self.nodes.len();
-        self.nodes.extend([self.nodes[node]; 2]);
-        self.nodes[node].first = child as u32;
-        self.nodes[node].count = 0;
-        let is_large = primitives.len() > ALONE;
-        let (left, right) = primitives.split_at_mut(half);
-        if is_large {
-            // Each half in a tree of its own, as it would be here.
-            let apart = |primitives: &mut [Primitive], first: usize| {
-                let mut part = Self { nodes: vec![self.nodes[node]], second: Vec::new() };
-                part.build(0, primitives, first, depth + 1);
-                part.nodes
-            };
-            let (left, right) = rayon::join(|| apart(left, first), || apart(right, first + half));
-            self.graft(child, &left);
-            self.graft(child + 1, &right);
+        let child = nodes.len();
+        nodes.extend([nodes[node]; 2]);
+        for (i, half) in self.halves().into_iter().enumerate() {
+            half.build(child + i, nodes);
+        }
+        nodes[node] = Node::around(&nodes[child], &nodes[child + 1], child as u32);
+    }
+
+    /// What lies before and behind the change of the highest bit that changes; neither is empty.
+    fn halves(self) -> [Self; 2] {
+        let count = self.order.len();
+        let differ = self.order[0].0 ^ self.order[count - 1].0;
+        let half = if differ == 0 || self.depth >= MAX_CODE_DEPTH {
+            count / 2
         } else {
-            self.build(child, left, first, depth + 1);
-            self.build(child + 1, right, first + half, depth + 1);
-        }
-    }
-
-    /// Puts the root of a tree in the place of a node, and the others behind all nodes.
-    fn graft(&mut self, node: usize, tree: &[Node]) {
-        // The root is at place 0 there, the next node at 1.
-        let shift = (self.nodes.len() - 1) as u32;
-        for (i, moved) in tree.iter().enumerate() {
-            let first = if moved.count == 0 { moved.first + shift } else { moved.first };
-            let moved = Node { first, ..*moved };
-            if i == 0 { self.nodes[node] = moved } else { self.nodes.push(moved) }
-        }
-    }
-
-    /// Orders the primitives so that the two halves are apart, and says how many the first has; never none or all.
-    fn split(&mut self, primitives: &mut [Primitive], depth: usize) -> usize {
-        let low = primitives.iter().fold(Vec3::INFINITY, |low, p| low.min(p.center));
-        let high = primitives.iter().fold(Vec3::NEG_INFINITY, |high, p| high.max(p.center));
-        let plane = if depth < MAX_SAH_DEPTH { best_plane(primitives, low, high) } else { None };
-        let Some((axis, bin)) = plane else {
-            // Too deep, or all in one place: halve along the longest axis.
-            let axis = (high - low).max_position();
-            let half = primitives.len() / 2;
-            primitives.select_nth_unstable_by(half, |a, b| {
-                a.center[axis].total_cmp(&b.center[axis]).then(a.face.cmp(&b.face))
-            });
-            return half;
+            let bit = 1 << differ.ilog2();
+            self.order.partition_point(|&(code, _)| code & bit == 0)
         };
-        // In their order, so that equal meshes give equal trees on every machine.
-        self.second.clear();
-        let mut half = 0;
-        for i in 0..primitives.len() {
-            let primitive = primitives[i];
-            if bin_of(&primitive, axis, low, high) <= bin {
-                primitives[half] = primitive;
-                half += 1;
-            } else {
-                self.second.push(primitive);
-            }
-        }
-        primitives[half..].copy_from_slice(&self.second);
-        half
+        let (left, right) = self.order.split_at(half);
+        let depth = self.depth + 1;
+        [Self { order: left, depth, ..self }, Self { order: right, first: self.first + half, depth, ..self }]
     }
 }
 
-fn bin_of(primitive: &Primitive, axis: usize, low: Vec3, high: Vec3) -> usize {
-    let position = (primitive.center[axis] - low[axis]) / (high[axis] - low[axis]);
-    ((position * BINS as f32) as usize).min(BINS - 1)
-}
-
-/// The axis, and the last bin of the first half, for which rays are expected to meet the fewest triangles.
-fn best_plane(primitives: &[Primitive], low: Vec3, high: Vec3) -> Option<(usize, usize)> {
-    let empty = (Vec3::INFINITY, Vec3::NEG_INFINITY, 0usize);
-    let area = |(low, high, _): &(Vec3, Vec3, usize)| {
-        let e = *high - *low;
-        e.x * e.y + e.y * e.z + e.z * e.x
+/// Puts the root of a tree in the place of a node, and the others behind all nodes.
+fn graft(nodes: &mut Vec<Node>, node: usize, tree: &[Node]) {
+    // The root is at place 0 there, the next node at 1.
+    let shift = (nodes.len() - 1) as u32;
+    let moved = |node: &Node| {
+        let first = if node.count() == 0 { node.first() + shift } else { node.first() };
+        Node::new(node.low(), node.high(), first, node.count())
     };
-    let mut best: Option<(f32, usize, usize)> = None;
-    for axis in (0..3).filter(|&axis| high[axis] > low[axis]) {
-        let mut bins = [empty; BINS];
-        for primitive in primitives {
-            let bin = &mut bins[bin_of(primitive, axis, low, high)];
-            *bin = (bin.0.min(primitive.low), bin.1.max(primitive.high), bin.2 + 1);
-        }
-        let merge = |a: (Vec3, Vec3, usize), b: (Vec3, Vec3, usize)| (a.0.min(b.0), a.1.max(b.1), a.2 + b.2);
-        // Cost of everything right of each border, then swept from the left.
-        let mut right_costs = [0.0; BINS];
-        let mut right = empty;
-        for bin in (1..BINS).rev() {
-            right = merge(right, bins[bin]);
-            right_costs[bin - 1] = if right.2 > 0 { area(&right) * right.2 as f32 } else { f32::INFINITY };
-        }
-        let mut left = empty;
-        for bin in 0..BINS - 1 {
-            left = merge(left, bins[bin]);
-            let cost = if left.2 > 0 { area(&left) * left.2 as f32 + right_costs[bin] } else { f32::INFINITY };
-            if cost.is_finite() && best.is_none_or(|b| cost < b.0) {
-                best = Some((cost, axis, bin));
-            }
-        }
-    }
-    best.map(|(_, axis, bin)| (axis, bin))
+    nodes[node] = moved(&tree[0]);
+    nodes.extend(tree[1..].iter().map(moved));
 }

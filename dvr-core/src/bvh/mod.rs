@@ -1,6 +1,6 @@
 //! A bounding volume hierarchy over triangles: where does a ray first meet a mesh, and how far is a point from it?
 //!
-//! Built top-down by the binned surface area heuristic (Wald 2007). Triangles are intersected by the watertight test of
+//! Built along a space-filling curve (Lauterbach et al. 2009). Triangles are intersected by the watertight test of
 //! Woop, Benthin and Wald (2013), in double precision: no ray slips through an edge that two triangles share. Written
 //! here because the `bvh` crate's triangle test (Möller and Trumbore) gives no such promise and culls back faces.
 

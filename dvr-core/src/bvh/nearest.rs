@@ -37,8 +37,8 @@ impl Bvh {
                 continue;
             }
             let node = &self.nodes[index as usize];
-            if node.count > 0 {
-                for i in node.first..node.first + node.count {
+            if node.count() > 0 {
+                for i in node.first()..node.first() + node.count() {
                     let position = nearest_on_triangle(point, &self.triangles[i as usize]);
                     let (squared, face) = ((position - point).length_squared(), self.faces[i as usize]);
                     if squared < best.0 || (squared == best.0 && face < best.1) {
@@ -48,7 +48,7 @@ impl Bvh {
                 continue;
             }
             let child = |i: u32| (i, squared_distance(point, &self.nodes[i as usize]));
-            let (mut near, mut far) = (child(node.first), child(node.first + 1));
+            let (mut near, mut far) = (child(node.first()), child(node.first() + 1));
             if near.1 > far.1 {
                 (near, far) = (far, near);
             }
@@ -63,7 +63,7 @@ impl Bvh {
 
 /// To the nearest point of a box; 0 inside.
 fn squared_distance(point: DVec3, node: &Node) -> f64 {
-    (point - point.clamp(node.low.as_dvec3(), node.high.as_dvec3())).length_squared()
+    (point - point.clamp(node.low().as_dvec3(), node.high().as_dvec3())).length_squared()
 }
 
 /// The nearest point of a triangle: the foot of the perpendicular where that lies inside, else on one of the edges.

@@ -1,43 +1,84 @@
 //! Boxes of the hierarchy, and the test whether a ray enters one.
 
-use glam::{DVec3, Vec3};
+use glam::{Vec3, Vec3A, Vec4};
 
 use crate::ray::Ray;
 
-/// A box around triangles.
+/// A box around triangles, as two aligned vectors.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Node {
-    pub(super) low: Vec3,
-    pub(super) high: Vec3,
+    /// The low corner, and the bits of the first triangle of a leaf, or of the first child of an inner node.
+    low: Vec4,
+    /// The high corner, and the bits of the number of triangles of a leaf; 0 for an inner node.
+    high: Vec4,
+}
+
+impl Node {
+    pub(super) fn new(low: Vec3, high: Vec3, first: u32, count: u32) -> Self {
+        Self { low: low.extend(f32::from_bits(first)), high: high.extend(f32::from_bits(count)) }
+    }
+
+    /// The inner node of two children, the first of which lies at this place.
+    pub(super) fn around(left: &Self, right: &Self, first: u32) -> Self {
+        Self::new(left.low().min(right.low()), left.high().max(right.high()), first, 0)
+    }
+
+    pub(super) fn low(&self) -> Vec3 {
+        self.low.truncate()
+    }
+
+    pub(super) fn high(&self) -> Vec3 {
+        self.high.truncate()
+    }
+
     /// First triangle of a leaf, or first child of an inner node.
-    pub(super) first: u32,
+    pub(super) fn first(&self) -> u32 {
+        self.low.w.to_bits()
+    }
+
     /// Triangles of a leaf; 0 for an inner node.
-    pub(super) count: u32,
+    pub(super) fn count(&self) -> u32 {
+        self.high.w.to_bits()
+    }
 }
 
 /// The slab test against boxes, with what depends on the ray alone worked out.
+///
+/// In single precision, three axes at once: boxes are taken to be larger than they are by more than rounding moves them, so
+/// that none is lost that the exact test of its triangles might find a hit in (after Ize 2013).
 pub(super) struct Slabs {
-    origin: DVec3,
-    inverse: DVec3,
+    /// The ray's origin, farther on and farther back by what rounding may do.
+    origin: [Vec3A; 2],
+    inverse: Vec3A,
 }
 
+/// What rounding may do, as a share of the largest number that is rounded: a position, a difference, an inverse and a
+/// product have half of `f32::EPSILON` each.
+const ROUNDING: f32 = 4.0 * f32::EPSILON;
+
 impl Slabs {
-    pub(super) fn new(ray: &Ray) -> Self {
-        Self { origin: ray.origin, inverse: ray.direction.recip() }
+    /// Of a ray through the tree of this root.
+    pub(super) fn new(ray: &Ray, root: &Node) -> Self {
+        let origin = ray.origin.as_vec3a();
+        let reach = Vec3A::from_vec4(root.low).abs().max(Vec3A::from_vec4(root.high).abs());
+        let margin = ROUNDING * (origin.abs() + reach);
+        // Finite along an axis that the ray does not move on, where 0 * inf would be no number.
+        let largest = Vec3A::splat(f32::MAX.sqrt());
+        let inverse = ray.direction.recip().as_vec3a().clamp(-largest, largest);
+        Self { origin: [origin + margin, origin - margin], inverse }
     }
 
-    /// The ray depth at which the box is entered, or `None` where it is missed within the range.
-    pub(super) fn entry(&self, node: &Node, min_depth: f64, max_depth: f64) -> Option<f64> {
-        // Rounding must not lose a box that is only touched (Ize 2013).
-        const GUARD: f64 = 1.0 + 4.0 * f64::EPSILON;
-        let (mut entry, mut exit) = (min_depth, max_depth);
-        for axis in 0..3 {
-            let (low, high) = (f64::from(node.low[axis]), f64::from(node.high[axis]));
-            let (near, far) = if self.inverse[axis] < 0.0 { (high, low) } else { (low, high) };
-            // A ray within a face's plane gives 0 * inf = NaN, which `max` and `min` pass over: it counts as inside.
-            entry = entry.max((near - self.origin[axis]) * self.inverse[axis]);
-            exit = exit.min((far - self.origin[axis]) * self.inverse[axis] * GUARD);
-        }
+    /// A depth no larger than that at which the box is entered, or `None` where it is missed within the range.
+    pub(super) fn entry(&self, node: &Node, range: [f32; 2]) -> Option<f32> {
+        let low = (Vec3A::from_vec4(node.low) - self.origin[0]) * self.inverse;
+        let high = (Vec3A::from_vec4(node.high) - self.origin[1]) * self.inverse;
+        let entry = low.min(high).max_element().max(range[0]);
+        let exit = low.max(high).min_element().min(range[1]);
         (entry <= exit).then_some(entry)
     }
+}
+
+/// The range of depths in single precision, no smaller than it is.
+pub(super) fn widened(min_depth: f64, max_depth: f64) -> [f32; 2] {
+    [(min_depth as f32).next_down(), (max_depth as f32).next_up()]
 }

@@ -40,17 +40,17 @@ impl Bvh {
         while height > 0 {
             height -= 1;
             let node = &self.nodes[stack[height] as usize];
-            if is_apart((node.low, node.high)) {
+            if is_apart((node.low(), node.high())) {
                 continue;
             }
-            if node.count == 0 {
-                for child in [node.first + 1, node.first] {
+            if node.count() == 0 {
+                for child in [node.first() + 1, node.first()] {
                     stack[height] = child;
                     height += 1;
                 }
                 continue;
             }
-            let places = node.first as usize..(node.first + node.count) as usize;
+            let places = node.first() as usize..(node.first() + node.count()) as usize;
             for j in places.filter(|&j| j > i && !is_apart(bounds(self.triangles[j]))) {
                 let (a, b) = (self.faces[i], self.faces[j]);
                 found += usize::from(meet(a.min(b), a.max(b)));

@@ -45,14 +45,14 @@ fn the_parts_of_a_tree_that_threads_build_apart_are_one_tree() {
     let mut left = vec![0];
     while let Some(node) = left.pop() {
         let node = bvh.nodes[node];
-        let places = node.first as usize..(node.first + node.count) as usize;
+        let places = node.first() as usize..(node.first() + node.count()) as usize;
         if places.is_empty() {
-            left.extend([node.first as usize, node.first as usize + 1]);
+            left.extend([node.first() as usize, node.first() as usize + 1]);
             nodes += 2;
         }
         for place in places {
             let corners = bvh.triangles[place];
-            assert!(corners.iter().all(|corner| corner.cmpge(node.low).all() && corner.cmple(node.high).all()));
+            assert!(corners.iter().all(|corner| corner.cmpge(node.low()).all() && corner.cmple(node.high()).all()));
             assert_eq!(corners, mesh.triangle(bvh.faces[place] as usize));
             assert!(!std::mem::replace(&mut is_in_leaf[bvh.faces[place] as usize], true), "a face twice");
         }
@@ -206,4 +206,29 @@ fn the_distance_is_that_to_a_face_and_not_to_a_vertex() {
 fn nothing_is_near_an_empty_mesh_or_a_point_that_is_nowhere() {
     assert_eq!(Bvh::new(&Mesh::default()).nearest(DVec3::ZERO), None);
     assert_eq!(Bvh::new(&shapes::icosphere(1, 1.0)).nearest(DVec3::NAN), None);
+}
+
+#[test]
+fn boxes_in_single_precision_lose_no_hit_however_far_from_the_origin_and_along_their_faces() {
+    let mut rng = ChaCha8Rng::seed_from_u64(21);
+    for offset in [Vec3::ZERO, Vec3::new(3e4, -7e3, 1.0)] {
+        // Its vertices and faces lie in planes of boxes.
+        let corner = Vec3::new(0.5, 1.0, 1e-3);
+        let mut mesh = shapes::union([shapes::cuboid(-corner, corner), shapes::icosphere(3, 0.7)]);
+        mesh.vertices.iter_mut().for_each(|vertex| *vertex += offset);
+        let bvh = Bvh::new(&mesh);
+        let mut hits = 0;
+        for i in 0..3000 {
+            let vertex = mesh.vertices[rng.random_range(0..mesh.vertices.len())].as_dvec3();
+            let axis = DVec3::AXES[i % 3] * if rng.random_bool(0.5) { 1.0 } else { -1.0 };
+            // To a vertex, along an axis and aslant, from near and from far.
+            let direction = if i % 2 == 0 { axis } else { random_vector(&mut rng) };
+            let ray = Ray { origin: vertex - direction * rng.random_range(0.5..50.0), direction };
+            let hit = bvh.closest_hit(&ray, 0.0, f64::INFINITY);
+            assert_eq!(hit, closest_by_search(&mesh, &ray), "{ray:?}");
+            assert_eq!(bvh.any_hit(&ray, 0.0, f64::INFINITY), hit.is_some());
+            hits += usize::from(hit.is_some());
+        }
+        assert!(hits > 2000, "{hits}");
+    }
 }

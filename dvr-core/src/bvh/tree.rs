@@ -1,14 +1,15 @@
 //! The hierarchy and its traversal.
 
 use glam::Vec3;
+use rayon::prelude::*;
 
-use super::build::{Primitive, build};
-use super::node::{Node, Slabs};
+use super::build::build;
+use super::node::{Node, Slabs, widened};
 use super::triangle::{RayHit, Shear};
 use crate::mesh::Mesh;
 use crate::ray::Ray;
 
-/// `MAX_SAH_DEPTH` and the 32 halvings that a `u32` of triangles allows.
+/// `MAX_CODE_DEPTH` and the 32 halvings that a `u32` of triangles allows.
 pub(super) const STACK_SIZE: usize = 64;
 
 /// A bounding volume hierarchy over a mesh's triangles.
@@ -28,11 +29,9 @@ impl Bvh {
     /// # Panics
     /// When a face names a vertex that is not there; meshes that were read from files never do.
     pub fn new(mesh: &Mesh) -> Self {
-        let primitive = |face: usize| Primitive::new(face as u32, mesh.triangle(face));
-        let mut primitives: Vec<Primitive> = (0..mesh.faces.len()).map(primitive).collect();
-        let nodes = build(&mut primitives);
-        let faces: Vec<u32> = primitives.iter().map(|p| p.face).collect();
-        let triangles = faces.iter().map(|&face| mesh.triangle(face as usize)).collect();
+        let of_faces: Vec<[Vec3; 3]> = (0..mesh.faces.len()).into_par_iter().map(|face| mesh.triangle(face)).collect();
+        let (faces, nodes) = build(&of_faces);
+        let triangles = faces.par_iter().map(|&face| of_faces[face as usize]).collect();
         Self { nodes, triangles, faces }
     }
 
@@ -63,28 +62,30 @@ impl Bvh {
 
     /// Visits hits, nearer boxes first. `visit` returns up to which depth further hits matter.
     fn traverse(&self, ray: &Ray, min_depth: f64, mut max_depth: f64, mut visit: impl FnMut(RayHit) -> f64) {
-        let Some(shear) = Shear::new(ray) else { return };
-        let slabs = Slabs::new(ray);
-        let mut stack = [(0u32, f64::NEG_INFINITY); STACK_SIZE];
-        let mut height = usize::from(slabs.entry(&self.nodes[0], min_depth, max_depth).is_some());
+        let Some(shear) = Shear::new(ray).filter(|_| !self.faces.is_empty()) else { return };
+        let slabs = Slabs::new(ray, &self.nodes[0]);
+        let mut range = widened(min_depth, max_depth);
+        let mut stack = [(0u32, f32::NEG_INFINITY); STACK_SIZE];
+        let mut height = usize::from(slabs.entry(&self.nodes[0], range).is_some());
         while height > 0 {
             height -= 1;
             let (index, entry) = stack[height];
-            if entry > max_depth {
+            if entry > range[1] {
                 continue;
             }
             let node = &self.nodes[index as usize];
-            if node.count > 0 {
-                for i in node.first..node.first + node.count {
+            if node.count() > 0 {
+                for i in node.first()..node.first() + node.count() {
                     let hit = shear.intersect(&self.triangles[i as usize], self.faces[i as usize]);
                     if let Some(hit) = hit.filter(|h| h.ray_depth >= min_depth && h.ray_depth <= max_depth) {
                         max_depth = visit(hit);
+                        range = widened(min_depth, max_depth);
                     }
                 }
                 continue;
             }
-            let child = |i: u32| slabs.entry(&self.nodes[i as usize], min_depth, max_depth).map(|entry| (i, entry));
-            let (mut near, mut far) = (child(node.first), child(node.first + 1));
+            let child = |i: u32| slabs.entry(&self.nodes[i as usize], range).map(|entry| (i, entry));
+            let (mut near, mut far) = (child(node.first()), child(node.first() + 1));
             if let (Some(a), Some(b)) = (near, far)
                 && a.1 > b.1
             {
