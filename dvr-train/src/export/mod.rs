@@ -1,7 +1,10 @@
 //! From a trained model to mesh, preview and figures.
 
+mod appearance;
 pub(crate) mod bake;
 pub(crate) mod components;
+mod laps;
+mod measured;
 pub(crate) mod mesh;
 pub(crate) mod pictures;
 pub mod preview;

@@ -10,8 +10,10 @@ use dvr_render::{MeshShader, Shader, ViewColor, ViewMetrics, view_metrics};
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
-use crate::export::run_results::FIGURE_PIXELS;
 use crate::run::folder::RunFolder;
+
+/// Pixels of test views, and of validation views, that the final figures look at. (Evaluation looks at all.)
+pub(super) const FIGURE_PIXELS: usize = 40_000;
 
 /// How much nearer to validation photographs pictures must be for what takes more bytes or more time, dB.
 const MIN_GAIN_DB: f64 = 0.25;

@@ -88,7 +88,7 @@ pub struct RunMetrics {
     /// What training decided on the way and why: how fine the field became, say.
     #[serde(default)]
     pub notes: Vec<String>,
-    /// Wall seconds of each part of the work after training.
+    /// Wall seconds of each part of the work after training; figures of the shape are made meanwhile.
     #[serde(default)]
     pub finishing_seconds: Vec<(String, f64)>,
     /// Wall and CPU seconds that went into following the shape, beside the clock of training.

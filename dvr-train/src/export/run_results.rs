@@ -1,23 +1,19 @@
 //! What a run gives its user: mesh, preview sheet, figures.
 
 use std::path::PathBuf;
-use std::time::Instant;
 
 use dvr_core::mesh::{Mesh, MeshStyle, TexturedMesh};
-use dvr_core::metrics::points::PointsSettings;
-use dvr_core::metrics::self_intersections;
-use dvr_core::{Camera, Cancellation, Exposure, Scene, Similarity, VerifiedPoints, View, ViewSplit};
-use dvr_render::{MeshShader, Shader, view_metrics};
+use dvr_core::{Exposure, Scene, Similarity, ViewSplit};
 use image::RgbImage;
 
 use crate::error::{Error, Result};
-use crate::evaluate::{DepthMapsEvaluation, PointsEvaluation, evaluate_shape};
+use crate::export::appearance::Appearance;
+use crate::export::laps::Laps;
+use crate::export::measured::{Measured, Measuring};
 use crate::export::mesh::{MeshOptions, ObjectMesh, object_mesh, world_mesh, write_run_mesh};
 use crate::export::pictures::{ChosenPictures, store_pictures};
-use crate::export::preview::preview_sheet;
 use crate::export::real_size::RealSize;
 use crate::export::run_metrics::RunMetrics;
-use crate::export::texture::photo_texture;
 use crate::export::views::surface_points;
 use crate::methods::method::Method;
 use crate::observer::Observer;
@@ -25,17 +21,8 @@ use crate::resources::Resources;
 use crate::run::folder::RunFolder;
 use crate::run::options::Trained;
 
-/// Samples across the cube where a network is rendered.
-const SAMPLES: usize = 128;
-
-/// Pixels of test views, and of validation views, that the final figures look at. (Evaluation looks at all.)
-pub(super) const FIGURE_PIXELS: usize = 40_000;
-
 /// Rays that look for parts of the surface which the extraction's coarse grid may miss.
 const SEED_RAYS: usize = 2_000;
-
-/// Rows of the preview sheet, and the most pixels a picture is wide.
-const PREVIEW: (usize, u32) = (4, 256);
 
 /// What a run gives its user, in memory.
 #[derive(Clone, Debug)]
@@ -81,61 +68,32 @@ impl RunResults {
         let extracted = extract(trained, options, &views, &mut warnings)?;
         let simplification = extracted.as_ref().and_then(|extracted| extracted.simplification);
         laps.done("mesh")?;
-        let textured = match &extracted {
-            Some(extracted) => photo_texture(extracted, &views.train, options, &mut warnings)?,
-            None => None,
-        };
-        let mesh = extracted.map(|extracted| extracted.mesh);
-        laps.done("texture")?;
-        let real_size = mesh.as_ref().and_then(|mesh| real_size(trained, mesh, scene, &mut warnings));
+        let real_size =
+            extracted.as_ref().and_then(|extracted| real_size(trained, &extracted.mesh, scene, &mut warnings));
         let to_export = RealSize::to_export(real_size.as_ref(), &outcome.header.object_to_world);
-
-        let shown = spread(if views.test.is_empty() { &views.train } else { &views.test }, PREVIEW.0);
-        // The sheet shows the mesh, which is what the user keeps, where there is one.
-        let shader = model.shader(SAMPLES);
-        // It is shown as its file has it, in the coordinates of the scene's files: far from their origin these are coarse.
-        let written = textured.as_ref().map(|textured| textured.mesh.clone().transformed(&to_export));
-        let written = written.map(|written| written.transformed(&to_export.inverse()));
-        let mesh_shader = match &written {
-            Some(written) => Some(MeshShader::textured(written)),
-            None => mesh.as_ref().map(MeshShader::new),
-        };
-        let kept = mesh_shader.as_ref().map_or(shader.as_ref(), |shader| shader as &dyn Shader);
-        let preview = preview_sheet(kept, &shown, PREVIEW.1);
-        laps.done("preview")?;
-
-        let of_field = |views: &[&View]| view_metrics(shader.as_ref(), views, FIGURE_PIXELS);
-        let (test, validation) = (of_field(&views.test), of_field(&views.validation));
-        let cancellation = &options.extraction.cancellation;
-        // Vertices have about as many colours as the field.
-        let with_texture = written.is_some().then_some(kept);
-        let pictures = match method.is_compact() {
-            true => ChosenPictures::new(shader.as_ref(), validation, with_texture, &views, cancellation)?,
-            false => None,
-        };
-        laps.done("view-dependent colour")?;
-        let figure = |chosen: &ChosenPictures| chosen.figure(shader.as_ref(), with_texture, &views.test);
-        let test_pictures = pictures.as_ref().and_then(figure);
-        let test_mesh = mesh_shader.as_ref().and_then(|shader| view_metrics(shader, &views.test, FIGURE_PIXELS));
-        laps.done("test and validation views")?;
-        let empty = Mesh::default();
-        let cameras: Vec<&Camera> = scene.views.iter().map(|view| &view.camera).collect();
-        let shape = evaluate_shape(mesh.as_ref().unwrap_or(&empty), &scene.ground_truth, &cameras, common.seed)?;
-        let in_world = mesh.as_ref().map(|mesh| world_mesh(mesh, &outcome.header.object_to_world));
-        let trained_on_points = method.needs().sparse_points;
-        let crossing = mesh.as_ref().map(|mesh| self_intersections(mesh, cancellation)).transpose()?;
-        let points = match &in_world {
-            Some(mesh) => PointsEvaluation::of_scene(mesh, scene, trained_on_points, &PointsSettings::default())?,
-            None => None,
-        };
-        let depth_maps = DepthMapsEvaluation::new(
-            &outcome.stereo_depths,
+        let measuring = Measuring {
             scene,
-            VerifiedPoints::of_scene(scene).as_ref(),
-            in_world.as_ref().unwrap_or(&empty),
-            &PointsSettings::default(),
-        );
-        laps.done("shape against the truth")?;
+            object_to_world: &outcome.header.object_to_world,
+            trained_on_points: method.needs().sparse_points,
+            stereo_depths: &outcome.stereo_depths,
+            seed: common.seed,
+            cancellation: laps.cancellation,
+        };
+        // What is measured of the shape, and what photographs make of it, do not wait for each other.
+        let shape = extracted.as_ref().map(|extracted| &extracted.mesh);
+        let (appearance, measured) = std::thread::scope(|scope| {
+            let measured = scope.spawn(|| measuring.of(shape));
+            let appearance =
+                Appearance::new(trained, method, extracted.as_ref(), &views, &to_export, options, &mut laps);
+            (appearance, measured.join())
+        });
+        let Appearance { textured, pictures, preview, test, validation, test_mesh, test_pictures, mut notes } =
+            appearance?;
+        warnings.append(&mut notes);
+        let measured = measured.unwrap_or_else(|panic| std::panic::resume_unwind(panic))?;
+        let Measured { self_intersections, shape, points, depth_maps, in_world, seconds } = measured;
+        laps.meanwhile("figures of the shape, meanwhile", seconds)?;
+        let mesh = extracted.map(|extracted| extracted.mesh);
         let exported =
             if real_size.is_some() { mesh.as_ref().map(|mesh| world_mesh(mesh, &to_export)) } else { in_world };
         let metrics = RunMetrics {
@@ -149,7 +107,7 @@ impl RunResults {
             training_seconds: outcome.seconds,
             model_seconds: outcome.header.seconds,
             mesh: mesh.as_ref().map(|mesh| [mesh.vertices.len(), mesh.faces.len()]),
-            self_intersections: crossing,
+            self_intersections,
             simplification: simplification.map(|moved| moved.scaled(outcome.header.object_to_world.scale)),
             real_size,
             support: outcome.header.support,
@@ -266,32 +224,4 @@ fn real_size(trained: &Trained, mesh: &Mesh, scene: &Scene, warnings: &mut Vec<S
             None
         }
     }
-}
-
-/// The time of each part of the work.
-struct Laps<'o> {
-    clock: Instant,
-    seconds: Vec<(String, f64)>,
-    observer: &'o mut dyn Observer,
-    cancellation: &'o Cancellation,
-}
-
-impl<'o> Laps<'o> {
-    fn new(observer: &'o mut dyn Observer, cancellation: &'o Cancellation) -> Self {
-        observer.phase("mesh, texture, preview and figures", 6);
-        Self { clock: Instant::now(), seconds: Vec::new(), observer, cancellation }
-    }
-
-    fn done(&mut self, part: &str) -> Result<()> {
-        self.seconds.push((part.to_owned(), self.clock.elapsed().as_secs_f64()));
-        self.clock = Instant::now();
-        self.observer.progress(self.seconds.len(), part);
-        Ok(self.cancellation.check()?)
-    }
-}
-
-/// At most `count` items, evenly spread.
-fn spread<'a>(views: &[&'a View], count: usize) -> Vec<&'a View> {
-    let count = count.min(views.len());
-    (0..count).map(|i| views[i * views.len() / count]).collect()
 }
