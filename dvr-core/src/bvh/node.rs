@@ -45,40 +45,49 @@ impl Node {
 /// The slab test against boxes, with what depends on the ray alone worked out.
 ///
 /// In single precision, three axes at once: boxes are taken to be larger than they are by more than rounding moves them, so
-/// that none is lost that the exact test of its triangles might find a hit in (after Ize 2013).
+/// that none is lost that the exact test of its triangles might find a hit in (after Ize 2013). Positions are relative to the
+/// middle of all boxes, where they have most digits, and depths are along a direction whose largest component is one.
 pub(super) struct Slabs {
+    middle: Vec3A,
     /// The ray's origin, farther on and farther back by what rounding may do.
     origin: [Vec3A; 2],
     inverse: Vec3A,
+    /// From the ray's depths to those here.
+    scale: f64,
 }
 
-/// What rounding may do, as a share of the largest number that is rounded: a position, a difference, an inverse and a
-/// product have half of `f32::EPSILON` each.
+/// What rounding may do, as a share of the largest number that is rounded: a position, the same with this margin, a difference,
+/// an inverse and a product have half of `f32::EPSILON` each.
 const ROUNDING: f32 = 4.0 * f32::EPSILON;
 
 impl Slabs {
-    /// Of a ray through the tree of this root.
+    /// Of a ray with a direction, through the tree of this root, whose corners are finite.
     pub(super) fn new(ray: &Ray, root: &Node) -> Self {
-        let origin = ray.origin.as_vec3a();
-        let reach = Vec3A::from_vec4(root.low).abs().max(Vec3A::from_vec4(root.high).abs());
-        let margin = ROUNDING * (origin.abs() + reach);
+        let (low, high) = (Vec3A::from_vec4(root.low), Vec3A::from_vec4(root.high));
+        let middle = 0.5 * low + 0.5 * high;
+        let origin = (ray.origin - middle.as_dvec3()).as_vec3a();
+        let reach = origin.abs() + (high - middle).max(middle - low);
+        // Along no axis nothing: a ray moves on by less along an axis where its inverse is cut off.
+        let margin = ROUNDING * reach.max(Vec3A::splat(f32::EPSILON * reach.max_element()));
+        let scale = ray.direction.abs().max_element();
         // Finite along an axis that the ray does not move on, where 0 * inf would be no number.
         let largest = Vec3A::splat(f32::MAX.sqrt());
-        let inverse = ray.direction.recip().as_vec3a().clamp(-largest, largest);
-        Self { origin: [origin + margin, origin - margin], inverse }
+        let inverse = (ray.direction / scale).recip().as_vec3a().clamp(-largest, largest);
+        Self { middle, origin: [origin + margin, origin - margin], inverse, scale }
+    }
+
+    /// A range of the ray's depths in those here, no smaller than it is.
+    pub(super) fn range(&self, min_depth: f64, max_depth: f64) -> [f32; 2] {
+        let [min, max] = [min_depth, max_depth].map(|depth| (depth * self.scale) as f32);
+        [min.next_down(), max.next_up()]
     }
 
     /// A depth no larger than that at which the box is entered, or `None` where it is missed within the range.
     pub(super) fn entry(&self, node: &Node, range: [f32; 2]) -> Option<f32> {
-        let low = (Vec3A::from_vec4(node.low) - self.origin[0]) * self.inverse;
-        let high = (Vec3A::from_vec4(node.high) - self.origin[1]) * self.inverse;
+        let low = (Vec3A::from_vec4(node.low) - self.middle - self.origin[0]) * self.inverse;
+        let high = (Vec3A::from_vec4(node.high) - self.middle - self.origin[1]) * self.inverse;
         let entry = low.min(high).max_element().max(range[0]);
         let exit = low.max(high).min_element().min(range[1]);
         (entry <= exit).then_some(entry)
     }
-}
-
-/// The range of depths in single precision, no smaller than it is.
-pub(super) fn widened(min_depth: f64, max_depth: f64) -> [f32; 2] {
-    [(min_depth as f32).next_down(), (max_depth as f32).next_up()]
 }

@@ -209,7 +209,7 @@ fn nothing_is_near_an_empty_mesh_or_a_point_that_is_nowhere() {
 }
 
 #[test]
-fn boxes_in_single_precision_lose_no_hit_however_far_from_the_origin_and_along_their_faces() {
+fn boxes_in_single_precision_lose_no_hit_whatever_the_place_and_the_length_of_the_direction() {
     let mut rng = ChaCha8Rng::seed_from_u64(21);
     for offset in [Vec3::ZERO, Vec3::new(3e4, -7e3, 1.0)] {
         // Its vertices and faces lie in planes of boxes.
@@ -218,17 +218,92 @@ fn boxes_in_single_precision_lose_no_hit_however_far_from_the_origin_and_along_t
         mesh.vertices.iter_mut().for_each(|vertex| *vertex += offset);
         let bvh = Bvh::new(&mesh);
         let mut hits = 0;
-        for i in 0..3000 {
+        for i in 0..4000 {
             let vertex = mesh.vertices[rng.random_range(0..mesh.vertices.len())].as_dvec3();
             let axis = DVec3::AXES[i % 3] * if rng.random_bool(0.5) { 1.0 } else { -1.0 };
-            // To a vertex, along an axis and aslant, from near and from far.
-            let direction = if i % 2 == 0 { axis } else { random_vector(&mut rng) };
-            let ray = Ray { origin: vertex - direction * rng.random_range(0.5..50.0), direction };
+            // To a vertex, along an axis, almost so, and aslant, from near and from far.
+            let direction = match i % 4 {
+                0 => axis,
+                1 => axis + 1e-9 * random_vector(&mut rng),
+                2 => axis + 1e-25 * random_vector(&mut rng),
+                _ => random_vector(&mut rng),
+            };
+            let length = [1.0, 1e-200, 1e-20, 1e-13, 1e40, 1e150][i % 6];
+            let away = [1.0, 50.0, 1e6][i / 7 % 3] * rng.random_range(0.5..1.0);
+            let ray = Ray { origin: vertex - direction * away, direction: length * direction };
             let hit = bvh.closest_hit(&ray, 0.0, f64::INFINITY);
             assert_eq!(hit, closest_by_search(&mesh, &ray), "{ray:?}");
-            assert_eq!(bvh.any_hit(&ray, 0.0, f64::INFINITY), hit.is_some());
-            hits += usize::from(hit.is_some());
+            assert_eq!(bvh.closest_hit(&ray, f64::NEG_INFINITY, f64::INFINITY).is_some(), ray_meets(&mesh, &ray));
+            if let Some(hit) = hit {
+                // A range that ends, or begins, where it is.
+                assert!(bvh.any_hit(&ray, 0.0, hit.ray_depth) && bvh.any_hit(&ray, hit.ray_depth, hit.ray_depth));
+                hits += 1;
+            }
         }
-        assert!(hits > 2000, "{hits}");
+        assert!(hits > 2500, "{hits}");
     }
+}
+
+/// Whether the line of a ray meets a triangle anywhere.
+fn ray_meets(mesh: &Mesh, ray: &Ray) -> bool {
+    let shear = Shear::new(ray).unwrap();
+    (0..mesh.faces.len()).any(|face| shear.intersect(&mesh.triangle(face), face as u32).is_some())
+}
+
+/// How many nodes lie above the deepest leaf, it counted.
+fn depth(bvh: &Bvh, node: usize) -> usize {
+    let node = &bvh.nodes[node];
+    if node.count() > 0 || bvh.nodes.len() == 1 {
+        return 1;
+    }
+    1 + (0..2).map(|child| depth(bvh, node.first() as usize + child)).max().unwrap()
+}
+
+#[test]
+fn no_mesh_makes_a_tree_deeper_than_the_stack() {
+    // Each half as far as the last along each axis, and very many at one place: splits by place find no end.
+    let corner = |i: i32| 0.5f32.powi(i);
+    let mut vertices: Vec<Vec3> = Vec::new();
+    for i in 0..63 {
+        let axis = Vec3::AXES[i % 3] * corner(i as i32 / 3);
+        vertices.extend([axis, 1.001 * axis, axis + 1e-9 * Vec3::ONE]);
+    }
+    let mut faces: Vec<[u32; 3]> = (0..63).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+    faces.extend(vec![[186, 187, 188]; 50_000]);
+    let mesh = Mesh { vertices, faces, ..Mesh::default() };
+    let bvh = Bvh::new(&mesh);
+    let depth = depth(&bvh, 0);
+    assert!((18..super::tree::STACK_SIZE).contains(&depth), "{depth}");
+    let ray = Ray { origin: DVec3::new(0.3, 0.2, 2.0), direction: DVec3::new(-0.1, 0.05, -1.0) };
+    assert_eq!(bvh.closest_hit(&ray, 0.0, f64::INFINITY), closest_by_search(&mesh, &ray));
+}
+
+#[test]
+fn faces_that_are_nowhere_are_left_out_and_hide_no_other() {
+    let ball = shapes::icosphere(3, 0.5);
+    let mut spoiled = ball.clone();
+    let first = spoiled.vertices.len() as u32;
+    spoiled.vertices.extend([Vec3::NAN, Vec3::INFINITY, Vec3::new(0.1, f32::NEG_INFINITY, 0.0)]);
+    spoiled.faces.extend([[first, 0, 1], [0, first + 1, 2], [3, 4, first + 2], [first, first + 1, first + 2]]);
+    let (sound, bvh) = (Bvh::new(&ball), Bvh::new(&spoiled));
+    let mut rng = ChaCha8Rng::seed_from_u64(5);
+    for _ in 0..500 {
+        let ray = Ray { origin: 2.0 * random_vector(&mut rng), direction: random_vector(&mut rng) };
+        assert_eq!(bvh.closest_hit(&ray, 0.0, f64::INFINITY), sound.closest_hit(&ray, 0.0, f64::INFINITY));
+        assert_eq!(bvh.nearest(ray.origin), sound.nearest(ray.origin));
+    }
+    let nowhere = Mesh { vertices: vec![Vec3::NAN; 3], faces: vec![[0, 1, 2]; 9], ..Mesh::default() };
+    let ray = Ray { origin: DVec3::ZERO, direction: DVec3::X };
+    assert_eq!(Bvh::new(&nowhere).closest_hit(&ray, 0.0, f64::INFINITY), None);
+}
+
+#[test]
+fn trees_are_the_same_whatever_the_threads() {
+    let mesh = shapes::icosphere(6, 0.5);
+    let built = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let bvh = pool.install(|| Bvh::new(&mesh));
+        (bvh.faces, format!("{:?}", bvh.nodes))
+    };
+    assert!(built(1) == built(3));
 }

@@ -3,14 +3,14 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::build::build;
-use super::node::{Node, Slabs, widened};
+use super::build::{MAX_CODE_DEPTH, build};
+use super::node::{Node, Slabs};
 use super::triangle::{RayHit, Shear};
 use crate::mesh::Mesh;
 use crate::ray::Ray;
 
-/// `MAX_CODE_DEPTH` and the 32 halvings that a `u32` of triangles allows.
-pub(super) const STACK_SIZE: usize = 64;
+/// Below the depth of codes, a `u32` of triangles allows 32 halvings.
+pub(super) const STACK_SIZE: usize = MAX_CODE_DEPTH + 32;
 
 /// A bounding volume hierarchy over a mesh's triangles.
 #[derive(Clone, Debug)]
@@ -24,7 +24,7 @@ pub struct Bvh {
 }
 
 impl Bvh {
-    /// Builds the hierarchy. Faces without area are kept and never hit.
+    /// Builds the hierarchy. Faces without area are kept and never hit; those with a corner that is not finite are left out.
     ///
     /// # Panics
     /// When a face names a vertex that is not there; meshes that were read from files never do.
@@ -64,7 +64,7 @@ impl Bvh {
     fn traverse(&self, ray: &Ray, min_depth: f64, mut max_depth: f64, mut visit: impl FnMut(RayHit) -> f64) {
         let Some(shear) = Shear::new(ray).filter(|_| !self.faces.is_empty()) else { return };
         let slabs = Slabs::new(ray, &self.nodes[0]);
-        let mut range = widened(min_depth, max_depth);
+        let mut range = slabs.range(min_depth, max_depth);
         let mut stack = [(0u32, f32::NEG_INFINITY); STACK_SIZE];
         let mut height = usize::from(slabs.entry(&self.nodes[0], range).is_some());
         while height > 0 {
@@ -79,7 +79,7 @@ impl Bvh {
                     let hit = shear.intersect(&self.triangles[i as usize], self.faces[i as usize]);
                     if let Some(hit) = hit.filter(|h| h.ray_depth >= min_depth && h.ray_depth <= max_depth) {
                         max_depth = visit(hit);
-                        range = widened(min_depth, max_depth);
+                        range = slabs.range(min_depth, max_depth);
                     }
                 }
                 continue;
