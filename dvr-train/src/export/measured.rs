@@ -56,6 +56,7 @@ impl Measuring<'_> {
             Some(mesh) => PointsEvaluation::of_scene(mesh, scene, self.trained_on_points, &settings)?,
             None => None,
         };
+        cancellation.check()?;
         let depth_maps = DepthMapsEvaluation::new(
             self.stereo_depths,
             scene,

@@ -67,9 +67,9 @@ impl RunResults {
         let options = &options.clone().of_run(&outcome.header);
         let extracted = extract(trained, options, &views, &mut warnings)?;
         let simplification = extracted.as_ref().and_then(|extracted| extracted.simplification);
-        laps.done("mesh")?;
         let real_size =
             extracted.as_ref().and_then(|extracted| real_size(trained, &extracted.mesh, scene, &mut warnings));
+        laps.done("mesh")?;
         let to_export = RealSize::to_export(real_size.as_ref(), &outcome.header.object_to_world);
         let measuring = Measuring {
             scene,
@@ -87,11 +87,11 @@ impl RunResults {
                 Appearance::new(trained, method, extracted.as_ref(), &views, &to_export, options, &mut laps);
             (appearance, measured.join())
         });
+        let measured = measured.unwrap_or_else(|panic| std::panic::resume_unwind(panic));
         let Appearance { textured, pictures, preview, test, validation, test_mesh, test_pictures, mut notes } =
             appearance?;
         warnings.append(&mut notes);
-        let measured = measured.unwrap_or_else(|panic| std::panic::resume_unwind(panic))?;
-        let Measured { self_intersections, shape, points, depth_maps, in_world, seconds } = measured;
+        let Measured { self_intersections, shape, points, depth_maps, in_world, seconds } = measured?;
         laps.meanwhile("figures of the shape, meanwhile", seconds)?;
         let mesh = extracted.map(|extracted| extracted.mesh);
         let exported =
