@@ -1,16 +1,20 @@
 //! Where the time of a step of the grid method goes: `cargo bench -p dvr-grid --bench step [-- SCENE...]`.
 //!
 //! Prints a table for grids of 64 to 512 cells: milliseconds per step of each part, and beside what streams
-//! through memory the number of passes over the grid (each node read and written once) that would take as long at
-//! the bandwidth measured here.
+//! through memory the number of passes over the parameters (each read and written once) that would take as long at
+//! the bandwidth measured here. The last two columns are rates of one thread: rays whose exact crossing is found, and samples
+//! of patches that are compared with another photograph, in millions per second.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use dvr_core::dataset::{ReadOptions, read_scene};
 use dvr_core::{Scene, Split};
-use dvr_grid::{Capacity, GridConfig, GridTrainer, Part};
+use dvr_grid::{Capacity, GridConfig, GridTrainer, Part, Rates};
 use rayon::prelude::*;
+
+/// Steps whose rays the rates are measured with.
+const RATED_STEPS: usize = 30;
 
 /// Steps of each stage, of which those of the last are measured.
 const STEPS: usize = 100;
@@ -24,8 +28,10 @@ fn main() {
     let threads = rayon::current_num_threads();
     let bandwidth = bandwidth();
     println!("{threads} threads, {:.1} GB/s read and written\n", bandwidth / 1e9);
-    println!("| scene | cells | parameters | step, ms | rays | gather | smoothness | levels | occupancy |");
-    println!("|---|---|---|---|---|---|---|---|---|");
+    println!(
+        "| scene | cells | parameters | step, ms | rays | gather | smoothness | levels | occupancy bitmask | crossings, M/s | patch samples, M/s |"
+    );
+    println!("|---|---|---|---|---|---|---|---|---|---|---|");
     for path in &scenes {
         let scene = read_scene(path, &ReadOptions::default()).expect("the scene is readable");
         [64, 128, 256, 512].into_iter().for_each(|cells| profile(&scene, cells, bandwidth));
@@ -45,12 +51,13 @@ fn profile(scene: &Scene, cells: usize, bandwidth: f64) {
         trainer.step().expect("the loss is finite");
     }
     let seconds = Part::ALL.map(|part| (trainer.times().of(part) - before.of(part)).as_secs_f64() / STEPS as f64);
-    // A node is four bytes, read and written.
-    let pass = 8.0 * ((cells + 1) as f64).powi(3) / bandwidth;
+    // A parameter is four bytes, read and written.
+    let pass = 8.0 * parameters as f64 / bandwidth;
+    let Rates { crossings, patch_samples } = trainer.rates(RATED_STEPS).expect("the field is in memory");
     let [rays, gather, smoothness, levels, occupancy] = seconds;
     let streamed = |seconds: f64| format!("{:.2} ({:.1} passes)", 1e3 * seconds, seconds / pass);
     println!(
-        "| {} | {cells} | {parameters} | {:.2} | {:.2} | {:.2} | {} | {} | {} |",
+        "| {} | {cells} | {parameters} | {:.2} | {:.2} | {:.2} | {} | {} | {} | {:.2} | {:.1} |",
         scene.name,
         1e3 * seconds.iter().sum::<f64>(),
         1e3 * rays,
@@ -58,6 +65,8 @@ fn profile(scene: &Scene, cells: usize, bandwidth: f64) {
         streamed(smoothness),
         streamed(levels),
         streamed(occupancy),
+        1e-6 * crossings,
+        1e-6 * patch_samples,
     );
 }
 

@@ -87,4 +87,4 @@ pub use field::{GridField, GridValues, file as grid_file};
 pub use losses::GridLosses;
 pub use occupancy::OccupancyBitmask;
 pub use report::{StepReport, TrainerState};
-pub use trainer::{GridTrainer, stereo_depths};
+pub use trainer::{GridTrainer, Rates, stereo_depths};

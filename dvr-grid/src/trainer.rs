@@ -433,6 +433,9 @@ pub fn stereo_depths(
 mod checkpoint;
 mod hollows;
 mod passes;
+mod rates;
 mod stereo;
 #[cfg(test)]
 mod tests;
+
+pub use rates::Rates;
