@@ -138,7 +138,7 @@ shown() {
     for argument in "$@"; do
         case $argument in *[!A-Za-z0-9_./,:=+-]*) argument="'$argument'" ;; esac
         printf '%s ' "$argument"
-    done | sed "s#$out/##g; s#${DVR_SCENES:-/nonexistent}/##g; s#${DVR_BEFORE:-/nonexistent}#OLD/dvr#g; s# \$##"
+    done | sed "s#$out/##g; s#$root/##g; s#${DVR_SCENES:-/nonexistent}/##g; s#${DVR_BEFORE:-/nonexistent}#OLD/dvr#g; s# \$##"
 }
 
 # Puts pictures in front of the table of a block.
@@ -356,7 +356,9 @@ part_camera_refinement() {
 }
 
 part_step() {
-    printed step docs/results/step.md cargo bench -q -p dvr-grid --bench step
+    # Photographs beside the demo, where they are there.
+    printed step docs/results/step.md \
+        cargo bench -q -p dvr-grid --bench step -- "$root/assets/scenes/mug/mug" $(there dtu_scan65)
 }
 
 part_soak() {
