@@ -22,12 +22,19 @@ const PREVIEW: (usize, u32) = (4, 256);
 
 /// What photographs make of a mesh, and what pictures show of the run.
 pub(super) struct Appearance {
+    /// The mesh with its texture, where one was asked for.
     pub textured: Option<Textured>,
+    /// What pictures of the run show; its field where nothing was chosen.
     pub pictures: Option<ChosenPictures>,
+    /// Input, render, depth and normals side by side.
     pub preview: RgbImage,
+    /// The field against test views.
     pub test: Option<ViewMetrics>,
+    /// The field against validation views.
     pub validation: Option<ViewMetrics>,
+    /// The mesh against test views.
     pub test_mesh: Option<ViewMetrics>,
+    /// What pictures show against test views.
     pub test_pictures: Option<ViewMetrics>,
     /// What the user should know.
     pub notes: Vec<String>,
@@ -47,6 +54,7 @@ impl Appearance {
         options: &MeshOptions,
         laps: &mut Laps,
     ) -> Result<Self> {
+        let cancellation = &options.extraction.cancellation;
         let mut notes = Vec::new();
         let textured = match extracted {
             Some(extracted) => photo_texture(extracted, &views.train, options, &mut notes)?,
@@ -72,7 +80,7 @@ impl Appearance {
         // Vertices have about as many colours as the field.
         let with_texture = written.is_some().then_some(kept);
         let pictures = match method.is_compact() {
-            true => ChosenPictures::new(shader.as_ref(), validation, with_texture, views, laps.cancellation)?,
+            true => ChosenPictures::new(shader.as_ref(), validation, with_texture, views, cancellation)?,
             false => None,
         };
         laps.done("view-dependent colour")?;

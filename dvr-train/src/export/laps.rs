@@ -13,9 +13,10 @@ const PARTS: usize = 6;
 /// The time of each part of the work.
 pub(super) struct Laps<'o> {
     clock: Instant,
+    /// Wall seconds of each part that is done.
     pub seconds: Vec<(String, f64)>,
     observer: &'o mut dyn Observer,
-    pub cancellation: &'o Cancellation,
+    cancellation: &'o Cancellation,
 }
 
 impl<'o> Laps<'o> {

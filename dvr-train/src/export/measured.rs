@@ -14,10 +14,13 @@ use crate::export::mesh::world_mesh;
 
 /// What a mesh is measured with.
 pub(super) struct Measuring<'a> {
+    /// Its truth, verified points and cameras.
     pub scene: &'a Scene,
+    /// From object space to the coordinates of the scene's files.
     pub object_to_world: &'a Similarity,
     /// Whether the sparse points of the scene shaped it.
     pub trained_on_points: bool,
+    /// Depth maps that training started from.
     pub stereo_depths: &'a [StereoDepth],
     /// Of the surface samples.
     pub seed: u64,

@@ -77,7 +77,7 @@ impl RunResults {
             trained_on_points: method.needs().sparse_points,
             stereo_depths: &outcome.stereo_depths,
             seed: common.seed,
-            cancellation: laps.cancellation,
+            cancellation: &options.extraction.cancellation,
         };
         // What is measured of the shape, and what photographs make of it, do not wait for each other.
         let shape = extracted.as_ref().map(|extracted| &extracted.mesh);
