@@ -10,7 +10,7 @@ use crate::active::ActiveNodes;
 pub(crate) const EDGE: usize = 8;
 
 /// Rows of a brick.
-const ROWS: usize = EDGE * EDGE;
+pub(crate) const ROWS: usize = EDGE * EDGE;
 
 /// Bricks that one task works on. Sums are by task: their number must not depend on that of the threads.
 const TASK: usize = 16;
@@ -245,16 +245,6 @@ impl BrickLayout {
         [brick.at[0], brick.at[1] * EDGE + place % EDGE, brick.at[2] * EDGE + place / EDGE]
     }
 
-    /// The stored row of a brick along x at `y` and `z`; none where they lie out of the grid.
-    #[inline]
-    pub fn row(&self, brick: usize, y: usize, z: usize) -> Option<usize> {
-        if brick >= self.edge || y >= self.grid.nodes() || z >= self.grid.nodes() {
-            return None;
-        }
-        let code = self.code(brick, y, z);
-        (code < INSIDE).then_some(code as usize)
-    }
-
     /// The stored rows of the nodes at, after along y, after along z, and after along both, where all are of one brick.
     #[inline]
     pub fn rows_around(&self, [x, y, z]: [usize; 3]) -> Option<[usize; 4]> {
@@ -295,6 +285,22 @@ impl BrickLayout {
     pub fn brick(&self, [x, y, z]: [usize; 3]) -> Result<usize, bool> {
         let code = self.table[(z * self.edge + y) * self.edge + x];
         if code < INSIDE { Ok(code as usize) } else { Err(code == INSIDE) }
+    }
+
+    /// Codes of the rows, by y and then by z, of a brick and those after it, as many as asked for along each axis, by z, y and x:
+    /// where a row lies, or no row at all; without rows where nothing is stored, or beyond the grid. `first` are coordinates in
+    /// bricks, which may be -1.
+    #[inline]
+    pub fn slots_around<const N: usize>(&self, first: [isize; 3]) -> [[[&[u32; ROWS]; N]; N]; N] {
+        let along =
+            |axis: usize, by: usize| usize::try_from(first[axis] + by as isize).ok().filter(|&at| at < self.edge);
+        let slots = |x: usize, y: usize, z: usize| {
+            let brick = self.brick([along(0, x)?, along(1, y)?, along(2, z)?]).ok()?;
+            Some(&self.bricks[brick].slots)
+        };
+        std::array::from_fn(|z| {
+            std::array::from_fn(|y| std::array::from_fn(|x| slots(x, y, z).unwrap_or(&[OUTSIDE; ROWS])))
+        })
     }
 
     /// Bricks along an edge.

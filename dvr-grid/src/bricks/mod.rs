@@ -11,7 +11,7 @@ mod occupancy;
 mod values;
 
 pub(crate) use band::near_refined_surface;
-pub(crate) use layout::{Brick, BrickLayout, EDGE, Row, Stored};
+pub(crate) use layout::{Brick, BrickLayout, EDGE, ROWS, Row, Stored};
 pub(crate) use node_set::{BEFORE, NodeSet};
 pub(crate) use occupancy::BrickOccupancy;
 pub(crate) use values::BrickValues;

@@ -141,29 +141,30 @@ impl NullaryFnOnce for Measure<'_> {
         let (layout, rows) = (values.layout(), values.rows());
         let Limits { near: reach, knee, spacing } = *limits;
         let knee = Vec4::splat(knee);
-        let (mut sums, mut counts) = ([0.0f64; EDGE], [Vec4::ZERO; 2]);
+        let (mut sum, mut counts) = (0.0, [Vec4::ZERO; 2]);
         let first = bricks[0].rows().start;
-        for slot in first..bricks[bricks.len() - 1].rows().end {
-            let laplacian = excess(rows, slot, layout.neighbours(slot));
-            let active = layout.active_lanes(slot).as_chunks().0;
-            let (own, slopes) = (halves(&rows[slot]), slopes[slot - first].as_flattened_mut());
-            let mut value = [0.0; EDGE];
-            for half in 0..2 {
-                let laplacian = laplacian[half] / spacing;
-                let near =
-                    Vec4::select(own[half].abs().cmple(Vec4::splat(reach)), Vec4::from_array(active[half]), Vec4::ZERO);
-                let slope = near * laplacian.max(-knee).min(knee);
-                // The Huber function by its slope: s^2 / 2 within the knee, and s beyond it for each further unit.
-                (slope * (laplacian - 0.5 * slope)).write_to_slice(&mut value[4 * half..]);
-                slope.write_to_slice(&mut slopes[4 * half..]);
-                counts[half] += near;
+        for brick in bricks {
+            // Few enough for single precision.
+            let mut of_brick = [Vec4::ZERO; 2];
+            for slot in brick.rows() {
+                let laplacian = excess(rows, slot, layout.neighbours(slot));
+                let active = layout.active_lanes(slot).as_chunks().0;
+                let (own, slopes) = (halves(&rows[slot]), slopes[slot - first].as_flattened_mut());
+                for half in 0..2 {
+                    let laplacian = laplacian[half] / spacing;
+                    let is_near = own[half].abs().cmple(Vec4::splat(reach));
+                    let near = Vec4::select(is_near, Vec4::from_array(active[half]), Vec4::ZERO);
+                    let slope = near * laplacian.max(-knee).min(knee);
+                    // The Huber function by its slope: s^2 / 2 within the knee, and s beyond it for each further unit.
+                    of_brick[half] += slope * (laplacian - 0.5 * slope);
+                    slope.write_to_slice(&mut slopes[4 * half..]);
+                    counts[half] += near;
+                }
             }
-            for (sum, value) in sums.iter_mut().zip(value) {
-                *sum += f64::from(value);
-            }
+            sum += f64::from((of_brick[0] + of_brick[1]).element_sum());
         }
-        let count: f32 = counts.iter().map(|counts| counts.element_sum()).sum();
-        (sums.iter().sum(), count as u32)
+        let count = (counts[0] + counts[1]).element_sum();
+        (sum, count as u32)
     }
 }
 

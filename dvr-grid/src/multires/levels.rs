@@ -7,7 +7,7 @@ use pulp::{Arch, NullaryFnOnce};
 use rayon::prelude::*;
 
 use super::adam::{Adam, AdamStep, Moments};
-use super::pyramid;
+use super::pyramid::{Around, restrict};
 use crate::active::ActiveNodes;
 use crate::bricks::{Brick, BrickLayout, BrickValues, EDGE, Row, Stored};
 use crate::constants;
@@ -108,14 +108,10 @@ impl<const C: usize> MultiResGrid<C> {
     pub fn pull_towards(&mut self, rest: [f32; C], weight: f32) {
         let (values, gradient) = self.values_and_gradient_mut();
         let (layout, values) = (values.layout(), values.rows());
+        let (rest, arch) = ([rest; EDGE], Arch::new());
         let tasks: Vec<_> = layout.tasks().zip(layout.split(gradient)).collect();
         tasks.into_par_iter().for_each(|(bricks, gradient)| {
-            for (slot, gradient) in slots(bricks).zip(gradient) {
-                let nodes = layout.active_nodes(slot);
-                for lane in (0..EDGE).filter(|lane| nodes >> lane & 1 == 1) {
-                    (0..C).for_each(|c| gradient[lane][c] += weight * (values[slot][lane][c] - rest[c]));
-                }
-            }
+            arch.dispatch(Pull { bricks, layout, values, rest: &rest, weight, gradient });
         });
     }
 
@@ -177,7 +173,7 @@ impl<const C: usize> MultiResGrid<C> {
         for i in (1..self.levels.len()).rev() {
             let (coarse, fine) = self.levels.split_at_mut(i);
             let (coarse, fine) = (&mut coarse[i - 1], &fine[0]);
-            pyramid::restrict(&fine.layout, &fine.gradient, &coarse.layout, &mut coarse.gradient);
+            restrict(&fine.layout, &fine.gradient, &coarse.layout, &mut coarse.gradient);
         }
         self.steps += 1;
         self.descend(Some(rates));
@@ -296,7 +292,37 @@ impl<const C: usize> Level<C> {
     }
 }
 
-/// Writes the sum of parameters, base and coarser levels at the active nodes of some bricks.
+/// Adds to the gradient at the active nodes of some bricks what pulls their values towards rest.
+struct Pull<'a, const C: usize> {
+    bricks: &'a [Brick],
+    layout: &'a BrickLayout,
+    values: &'a [Row<C>],
+    rest: &'a Row<C>,
+    weight: f32,
+    gradient: &'a mut [Row<C>],
+}
+
+/// Compiled for each instruction set: a closure would not be.
+impl<const C: usize> NullaryFnOnce for Pull<'_, C> {
+    type Output = ();
+
+    #[allow(clippy::needless_range_loop, reason = "loops over lanes are compiled to vectors")]
+    #[inline(always)]
+    fn call(self) {
+        let Self { bricks, layout, values, rest, weight, gradient } = self;
+        let slots = bricks[0].rows().start..bricks[bricks.len() - 1].rows().end;
+        for (slot, gradient) in slots.zip(gradient) {
+            let (active, row) = (layout.active_lanes(slot), &values[slot]);
+            for lane in 0..EDGE {
+                for c in 0..C {
+                    gradient[lane][c] += weight * (row[lane][c] - rest[lane][c]) * active[lane];
+                }
+            }
+        }
+    }
+}
+
+/// Writes the sum of parameters, base and coarser levels at the active nodes of some bricks; at others, the base.
 struct Sum<'a, const C: usize> {
     bricks: &'a [Brick],
     layout: &'a BrickLayout,
@@ -315,10 +341,10 @@ impl<const C: usize> NullaryFnOnce for Sum<'_, C> {
     fn call(self) {
         let Self { bricks, layout, parameters, base, coarser, sum } = self;
         let first = bricks[0].rows().start;
-        let mut around = pyramid::nothing();
+        let mut around = Around::nothing();
         for brick in bricks {
             if let Some(coarser) = coarser {
-                pyramid::around(&coarser.layout, &coarser.sum, brick, &mut around);
+                around.take(&coarser.layout, &coarser.sum, brick);
             }
             for slot in brick.rows() {
                 let [_, y, z] = layout.place(brick, slot);
@@ -327,12 +353,12 @@ impl<const C: usize> NullaryFnOnce for Sum<'_, C> {
                     plus(&mut row, &base[slot - first]);
                 }
                 if coarser.is_some() {
-                    plus(&mut row, &pyramid::interpolated(&around, y % EDGE, z % EDGE));
-                }
-                let (active, before) = (layout.active_lanes(slot), sum[slot - first]);
-                for lane in 0..EDGE {
-                    for c in 0..C {
-                        row[lane][c] = if active[lane] > 0.0 { row[lane][c] } else { before[lane][c] };
+                    // Where a node is not active, its parameter is zero, and its value does not move.
+                    let (active, from_coarser) = (layout.active_lanes(slot), around.interpolated(y % EDGE, z % EDGE));
+                    for lane in 0..EDGE {
+                        for c in 0..C {
+                            row[lane][c] += from_coarser[lane][c] * active[lane];
+                        }
                     }
                 }
                 sum[slot - first] = row;
@@ -344,11 +370,6 @@ impl<const C: usize> NullaryFnOnce for Sum<'_, C> {
 #[inline(always)]
 fn plus<const C: usize>(row: &mut Row<C>, other: &Row<C>) {
     row.as_flattened_mut().iter_mut().zip(other.as_flattened()).for_each(|(a, b)| *a += b);
-}
-
-/// The rows with active nodes of some bricks.
-fn slots(bricks: &[Brick]) -> impl Iterator<Item = usize> + '_ {
-    bricks.iter().flat_map(Brick::rows)
 }
 
 #[cfg(test)]
