@@ -1,4 +1,4 @@
-//! Where the time of a step of the grid method goes: `cargo bench -p dvr-grid --bench step [-- SCENE...]`.
+//! Where the time of a step of the grid method goes: `cargo bench -p dvr-grid --bench step [-- [--steps N] SCENE...]`.
 //!
 //! Prints a table for grids of 64 to 512 cells: milliseconds per step of each part, and beside what streams
 //! through memory the number of passes over the parameters (each read and written once) that would take as long at
@@ -16,12 +16,19 @@ use rayon::prelude::*;
 /// Steps whose rays the rates are measured with.
 const RATED_STEPS: usize = 30;
 
-/// Steps of each stage, of which those of the last are measured.
+/// Steps of each stage, where nothing else is asked for; those of the last are measured.
 const STEPS: usize = 100;
 
 fn main() {
-    let mut scenes: Vec<PathBuf> =
-        std::env::args().skip(1).filter(|argument| !argument.starts_with('-')).map(PathBuf::from).collect();
+    let (mut scenes, mut steps) = (Vec::new(), STEPS);
+    let mut arguments = std::env::args().skip(1);
+    while let Some(argument) = arguments.next() {
+        if argument == "--steps" {
+            steps = arguments.next().and_then(|steps| steps.parse().ok()).expect("--steps has a number");
+        } else if !argument.starts_with('-') {
+            scenes.push(PathBuf::from(argument));
+        }
+    }
     if scenes.is_empty() {
         scenes.push(Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/scenes/mug/mug"));
     }
@@ -29,20 +36,20 @@ fn main() {
     let bandwidth = bandwidth();
     println!("{threads} threads, {:.1} GB/s read and written\n", bandwidth / 1e9);
     println!(
-        "| scene | cells | parameters | step, ms | rays | gather | smoothness | levels | occupancy bitmask | crossings, M/s | patch samples, M/s |"
+        "| scene | cells | parameters | step, ms | rays | gather | smoothness | levels | occupancy bitmask | crossings, M/s | patch samples, M/s | surface at the border, % |"
     );
-    println!("|---|---|---|---|---|---|---|---|---|---|---|");
+    println!("|---|---|---|---|---|---|---|---|---|---|---|---|");
     for path in &scenes {
         let scene = read_scene(path, &ReadOptions::default()).expect("the scene is readable");
-        [64, 128, 256, 512].into_iter().for_each(|cells| profile(&scene, cells, bandwidth));
+        [64, 128, 256, 512].into_iter().for_each(|cells| profile(&scene, cells, steps, bandwidth));
     }
 }
 
-fn profile(scene: &Scene, cells: usize, bandwidth: f64) {
-    let config = GridConfig { capacity: Capacity::Cells(cells), steps: STEPS, ..GridConfig::default() };
+fn profile(scene: &Scene, cells: usize, steps: usize, bandwidth: f64) {
+    let config = GridConfig { capacity: Capacity::Cells(cells), steps, ..GridConfig::default() };
     let mut trainer = GridTrainer::new(scene.views_of(Split::Train).collect(), Vec::new(), config)
         .expect("the masks show the object");
-    while trainer.steps_done() < trainer.total_steps() - STEPS {
+    while trainer.steps_done() < trainer.total_steps() - steps {
         trainer.step().expect("the loss is finite");
     }
     let before = *trainer.times();
@@ -50,14 +57,15 @@ fn profile(scene: &Scene, cells: usize, bandwidth: f64) {
     while trainer.steps_done() < trainer.total_steps() {
         trainer.step().expect("the loss is finite");
     }
-    let seconds = Part::ALL.map(|part| (trainer.times().of(part) - before.of(part)).as_secs_f64() / STEPS as f64);
+    let seconds = Part::ALL.map(|part| (trainer.times().of(part) - before.of(part)).as_secs_f64() / steps as f64);
     // A parameter is four bytes, read and written.
     let pass = 8.0 * parameters as f64 / bandwidth;
     let Rates { crossings, patch_samples } = trainer.rates(RATED_STEPS).expect("the field is in memory");
+    let at_border = trainer.surface_at_border().expect("the field is in memory");
     let [rays, gather, smoothness, levels, occupancy] = seconds;
     let streamed = |seconds: f64| format!("{:.2} ({:.1} passes)", 1e3 * seconds, seconds / pass);
     println!(
-        "| {} | {cells} | {parameters} | {:.2} | {:.2} | {:.2} | {} | {} | {} | {:.2} | {:.1} |",
+        "| {} | {cells} | {parameters} | {:.2} | {:.2} | {:.2} | {} | {} | {} | {:.2} | {:.1} | {:.2} |",
         scene.name,
         1e3 * seconds.iter().sum::<f64>(),
         1e3 * rays,
@@ -67,6 +75,7 @@ fn profile(scene: &Scene, cells: usize, bandwidth: f64) {
         streamed(occupancy),
         1e-6 * crossings,
         1e-6 * patch_samples,
+        1e2 * at_border,
     );
 }
 

@@ -430,6 +430,7 @@ pub fn stereo_depths(
     Ok(Refinement::new(mask_distances(&train, cancellation)?, &train, &config, cancellation)?.depths)
 }
 
+mod band;
 mod checkpoint;
 mod hollows;
 mod passes;

@@ -419,3 +419,33 @@ fn whole(nodes: usize, edge: usize) -> Vec<u64> {
     };
     (0..edge.pow(3)).map(of).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_of_bricks_around_are_those_of_their_nodes_and_none_lies_beyond_the_grid() {
+        let grid = VoxelGrid::new(41, 0.5);
+        let active = ActiveNodes::new(&grid, |node| node.wrapping_mul(2_654_435_761) % 97 < 3);
+        for stored in [Stored::Active, Stored::Around, Stored::All] {
+            let layout = BrickLayout::new(&active, stored);
+            let mut found = 0;
+            for first in [[-1, -1, -1], [1, 0, -1], [3, 4, 5]] {
+                let around = layout.slots_around::<3>(first);
+                for (i, place) in (0..27).flat_map(|i| (0..ROWS).map(move |place| (i, place))) {
+                    let brick: [isize; 3] = std::array::from_fn(|axis| first[axis] + i / 3isize.pow(axis as u32) % 3);
+                    let [dx, dy, dz] = [i % 3, i / 3 % 3, i / 9].map(|at| at as usize);
+                    let code = around[dz][dy][dx][place] as usize;
+                    let node =
+                        [brick[0] * 8, brick[1] * 8 + (place % EDGE) as isize, brick[2] * 8 + (place / EDGE) as isize];
+                    let is_in_grid = node.iter().all(|at| (0..grid.nodes() as isize).contains(at));
+                    let expected = is_in_grid.then(|| layout.slot(node.map(|at| at as usize))).flatten();
+                    assert_eq!((code < layout.stored_rows()).then_some(code), expected.map(|(slot, _)| slot));
+                    found += usize::from(expected.is_some());
+                }
+            }
+            assert!(found > 100, "{found}");
+        }
+    }
+}

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use dvr_core::Cancellation;
 use dvr_core::record::{Digest, RecordKey};
+use dvr_report::Curves;
 use dvr_train::{ObjectsMetrics, RunFolder, Summary, merge_results, method_by_name};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -52,6 +53,9 @@ pub struct Trained {
     pub steps: usize,
     /// Wall seconds, all sessions.
     pub seconds: f64,
+    /// CPU seconds with what goes before the first step, all sessions up to their last lines of `metrics.csv`.
+    #[serde(default)]
+    pub cpu_seconds: f64,
     /// Numbers of the model.
     pub parameters: usize,
 }
@@ -199,7 +203,8 @@ impl Row<'_> {
         let text = std::fs::read_to_string(&path).with_context(|| path.display().to_string())?;
         let metrics: ObjectsMetrics = serde_json::from_str(&text).with_context(|| path.display().to_string())?;
         let ObjectsMetrics { steps, training_seconds: seconds, parameters, .. } = metrics;
-        keep(&record, &key, Trained { steps, seconds, parameters })
+        let cpu_seconds = cpu_seconds(&Curves::read(&run.metrics_csv())?);
+        keep(&record, &key, Trained { steps, seconds, cpu_seconds, parameters })
     }
 
     /// Meshes of pictures, each with a preview, in a folder of the row.
@@ -224,5 +229,26 @@ impl Row<'_> {
 
     fn call(&self, arguments: Vec<OsString>, hear: &mut dyn FnMut(&str)) -> Result<()> {
         Caller { name: &self.name(), cancellation: self.place.cancellation }.call(arguments, hear)
+    }
+}
+
+/// CPU seconds of all sessions of a training; each counts its own from zero.
+fn cpu_seconds(curves: &Curves) -> f64 {
+    let counted = curves.pairs("step", "cpu_seconds");
+    let ends_session = |i: usize| counted.get(i + 1).is_none_or(|next| next[1] < counted[i][1]);
+    (0..counted.len()).filter(|&i| ends_session(i)).map(|i| counted[i][1]).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cpu_seconds_are_those_of_all_sessions() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("metrics.csv");
+        std::fs::write(&path, "step,cpu_seconds\n10,3.5\n20,5\n30,2\n40,4.25\n").unwrap();
+        assert_eq!(cpu_seconds(&Curves::read(&path).unwrap()), 9.25);
+        assert_eq!(cpu_seconds(&Curves::default()), 0.0);
     }
 }

@@ -8,7 +8,7 @@ use dvr_report::chart::median;
 use dvr_report::{Page, Section, jpeg, table};
 use image::RgbImage;
 
-use super::row::Made;
+use super::row::{Made, Trained};
 use super::systems::{Group, SOURCES, System};
 
 /// A system and what its seeds came to.
@@ -56,7 +56,7 @@ impl Line {
             let scaled = self.values(key).into_iter().map(|value| factor * value).collect();
             if self.made.is_empty() { "failed".to_owned() } else { with_range(scaled, decimals) }
         };
-        let minutes = self.made.iter().filter_map(|made| Some(made.trained.as_ref()?.seconds / 60.0)).collect();
+        let minutes = self.made.iter().filter_map(|made| Some(made.trained.as_ref()?.cpu_seconds / 60.0)).collect();
         let steps = self.made.first().and_then(|made| made.trained.as_ref()).map_or(0, |trained| trained.steps);
         let objects = self.objects().map_or_else(String::new, |(measured, all)| match all - measured {
             0 => measured.to_string(),
@@ -84,7 +84,7 @@ fn with_range(mut values: Vec<f64>, decimals: usize) -> String {
 
 impl Table {
     fn heads() -> Vec<&'static str> {
-        let first = ["from", "system", "objects", "steps", "training, min"];
+        let first = ["from", "system", "objects", "steps", "training, CPU min"];
         first.into_iter().chain(COLUMNS.iter().map(|column| column.1)).chain(["published"]).collect()
     }
 
@@ -103,7 +103,7 @@ impl Table {
         };
         let seeds = self.lines.iter().map(|line| line.made.len()).max().unwrap_or(0);
         let seeds = if seeds > 1 { format!("median of {seeds} seeds (range)") } else { "one seed".to_owned() };
-        format!("{of}, one picture each; means of categories, {seeds}. Minutes are those of the clock")
+        format!("{of}, one picture each; means of categories, {seeds}")
     }
 
     /// The order of the systems of a group by Chamfer-L1, here and as published.
@@ -163,33 +163,27 @@ impl Table {
     /// When it cannot be written as CSV.
     pub fn csv(&self) -> Result<String> {
         let mut writer = csv::Writer::from_writer(Vec::new());
-        let first = ["row", "from", "seed", "steps", "training_seconds", "parameters", "category", "objects"];
+        let first = ["row", "from", "seed", "steps", "training_seconds", "training_cpu_seconds", "parameters"];
+        let first = first.into_iter().chain(["category", "objects"]);
         let keys = COLUMNS.iter().map(|column| column.0);
-        writer.write_record(first.into_iter().chain(keys).chain(["published_chamfer_l1_x10"]))?;
+        writer.write_record(first.chain(keys).chain(["published_chamfer_l1_x10"]))?;
         for line in &self.lines {
             for (seed, made) in line.made.iter().enumerate() {
-                let (steps, seconds, parameters) = match &made.trained {
-                    Some(trained) => {
-                        (trained.steps.to_string(), trained.seconds.to_string(), trained.parameters.to_string())
+                let training = match &made.trained {
+                    Some(Trained { steps, seconds, cpu_seconds, parameters }) => {
+                        [steps.to_string(), seconds.to_string(), cpu_seconds.to_string(), parameters.to_string()]
                     }
-                    None => (String::new(), String::new(), String::new()),
+                    None => [const { String::new() }; 4],
                 };
                 let all = made.summary.categories.iter().map(|(name, score)| (name.as_str(), score));
                 let mean = [("mean of categories", &made.summary.mean_of_categories)];
                 for (category, score) in all.chain(mean) {
-                    let start = [
-                        line.system.row.to_owned(),
-                        line.system.group.name().to_owned(),
-                        seed.to_string(),
-                        steps.clone(),
-                        seconds.clone(),
-                        parameters.clone(),
-                        category.to_owned(),
-                        score.objects.to_string(),
-                    ];
+                    let start = [line.system.row, line.system.group.name(), &seed.to_string()].map(str::to_owned);
+                    let start = start.into_iter().chain(training.clone());
+                    let start = start.chain([category.to_owned(), score.objects.to_string()]);
                     let figure = |column: &Column| score.figures.get(column.0).map_or(String::new(), f64::to_string);
                     let published = line.system.published.map_or(String::new(), |(value, _)| value.to_string());
-                    writer.write_record(start.into_iter().chain(COLUMNS.iter().map(figure)).chain([published]))?;
+                    writer.write_record(start.chain(COLUMNS.iter().map(figure)).chain([published]))?;
                 }
             }
         }
@@ -238,7 +232,6 @@ mod tests {
     use dvr_core::Split;
     use dvr_train::{MeanScore, Measurement, Summary};
 
-    use super::super::row::Trained;
     use super::super::systems::SYSTEMS;
     use super::*;
 
@@ -252,7 +245,7 @@ mod tests {
             mean_of_objects: mean,
             origins: BTreeSet::from(["a machine".to_owned()]),
         };
-        Made { trained: Some(Trained { steps: 5, seconds: 90.0, parameters: 7 }), summary }
+        Made { trained: Some(Trained { steps: 5, seconds: 40.0, cpu_seconds: 90.0, parameters: 7 }), summary }
     }
 
     #[test]
