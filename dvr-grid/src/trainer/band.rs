@@ -1,7 +1,7 @@
 //! How much of the surface has come to the border of the nodes that learn.
 
 use super::GridTrainer;
-use crate::bricks::BrickOccupancy;
+use crate::bricks::{BrickOccupancy, BrickValues};
 use crate::error::Result;
 
 impl GridTrainer<'_> {
@@ -12,50 +12,45 @@ impl GridTrainer<'_> {
     /// # Errors
     /// When a GPU that keeps the field fails.
     pub fn surface_at_border(&self) -> Result<f64> {
-        let values = self.backend.shape_values()?;
-        let occupancy = BrickOccupancy::new(&values);
-        let learns = |cell: &[usize; 3]| {
-            let corner = |i: usize| std::array::from_fn(|axis| cell[axis] + (i >> axis & 1));
-            (0..8).all(|i| values.layout().active_slot(corner(i)).is_some())
-        };
-        let (mut at_border, mut all) = (0usize, 0usize);
-        for cell in occupancy.crossed_cells() {
-            all += 1;
-            at_border += usize::from(!learns(&cell));
-        }
-        Ok(if all == 0 { 0.0 } else { at_border as f64 / all as f64 })
+        Ok(at_border(&*self.backend.shape_values()?))
     }
+}
+
+fn at_border(values: &BrickValues<1>) -> f64 {
+    let learns = |cell: &[usize; 3]| {
+        let corner = |i: usize| std::array::from_fn(|axis| cell[axis] + (i >> axis & 1));
+        (0..8).all(|i| values.layout().active_slot(corner(i)).is_some())
+    };
+    let (mut at_border, mut all) = (0usize, 0usize);
+    for cell in BrickOccupancy::new(values).crossed_cells() {
+        all += 1;
+        at_border += usize::from(!learns(&cell));
+    }
+    if all == 0 { 0.0 } else { at_border as f64 / all as f64 }
 }
 
 #[cfg(test)]
 mod tests {
-    use dvr_core::View;
+    use dvr_core::voxel::VoxelGrid;
+    use glam::Vec3;
 
     use super::*;
-    use crate::config::{Capacity, GridConfig};
-    use crate::step::suite::speckled_arc;
+    use crate::active::ActiveNodes;
 
     #[test]
-    fn a_surface_stays_within_its_band_unless_steps_are_so_long_that_they_carry_it_out() {
-        let views = speckled_arc(4);
-        let views: Vec<&View> = views.iter().collect();
-        let at_border = |shape_rate: f64| {
-            let config = GridConfig {
-                capacity: Capacity::Cells(64),
-                first_cells: 32,
-                whole_cells: 32,
-                steps: 10,
-                further_passes: 0,
-                shape_rate,
-                ..GridConfig::default()
-            };
-            let mut trainer = GridTrainer::new(views.clone(), Vec::new(), config).unwrap();
-            while trainer.steps_done() < trainer.total_steps() {
-                trainer.step().unwrap();
-            }
-            trainer.surface_at_border().unwrap()
+    fn a_surface_is_at_the_border_where_a_corner_of_its_cells_does_not_learn() {
+        let grid = VoxelGrid::new(33, 0.5);
+        let distance = |point: Vec3| 0.3 - point.length();
+        let values: Vec<f32> = (0..grid.len()).map(|node| distance(grid.position(node))).collect();
+        let share = |learns: &dyn Fn(Vec3) -> bool, values: &[f32]| {
+            let active = ActiveNodes::new(&grid, |node| learns(grid.position(node)));
+            at_border(&BrickValues::dense(&active, values))
         };
-        let (short, long) = (at_border(1e-4), at_border(0.1));
-        assert!(short < 0.05 && long > short + 0.2, "{short} {long}");
+        let is_near = |point: Vec3| distance(point).abs() < 2.0 * grid.spacing();
+        assert_eq!(share(&is_near, &values), 0.0);
+        let half = share(&|point| is_near(point) && point.x > 0.0, &values);
+        assert!((0.5..0.6).contains(&half), "{half}: the other half, and cells between");
+        assert_eq!(share(&|_| false, &values), 1.0);
+        assert_eq!(share(&|_| false, &vec![-1.0; grid.len()]), 0.0, "no surface");
     }
 }

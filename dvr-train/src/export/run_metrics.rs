@@ -27,7 +27,10 @@ pub struct RunMetrics {
     pub model_step: usize,
     /// Numbers that the field consists of.
     pub parameters: usize,
-    /// Bytes that they are stored in.
+    /// Cells along an edge of the cube, where it is a grid.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cells: Option<usize>,
+    /// Bytes that its numbers are stored in.
     pub bytes: usize,
     /// Wall seconds of training, warm start included, all sessions.
     pub training_seconds: f64,

@@ -103,6 +103,7 @@ impl RunResults {
             steps: outcome.steps,
             model_step: outcome.header.step,
             parameters: model.parameters(),
+            cells: model.cells(),
             bytes: outcome.model.len(),
             training_seconds: outcome.seconds,
             model_seconds: outcome.header.seconds,

@@ -1,5 +1,6 @@
 //! Results as charts: quality against time with the range of seeds, Pareto fronts, quality against size.
 
+use std::collections::BTreeSet;
 use std::path::Path;
 
 use anyhow::Result;
@@ -96,8 +97,29 @@ fn of_scene(outcomes: &[Outcome], runs: &Path) -> Vec<Chart> {
         ends("Chamfer-L1 against size", stored, above(), chamfer_above_floor, Better::Less),
         ends("PSNR against size", stored, Axis::linear("test PSNR, dB"), psnr.2, Better::More),
     ];
+    charts.extend(against_cells(&groups));
     charts.retain(|chart| !chart.is_empty());
     charts
+}
+
+/// What finer grids cost, where some have more cells than others.
+fn against_cells(groups: &[Vec<&Outcome>]) -> Vec<Chart> {
+    let sizes: BTreeSet<usize> = groups.iter().flatten().filter_map(|outcome| outcome.cells).collect();
+    if sizes.len() < 2 {
+        return Vec::new();
+    }
+    let cells: Figure = |o| Some(o.cells? as f64);
+    let chart = |title: &str, y: &str, cost: Figure| Chart {
+        title: title.into(),
+        x: Axis::log("cells along an edge"),
+        y: Axis::log(y),
+        series: groups.iter().enumerate().map(|(i, group)| dots(group, cells, cost).colored(i)).collect(),
+        pareto: None,
+    };
+    vec![
+        chart("CPU time against cells", "CPU seconds of the whole job", |o| o.cpu_seconds),
+        chart("Memory against cells", "peak of the whole job, MB", |o| Some(o.peak_memory? as f64 / 1e6)),
+    ]
 }
 
 /// A method's name on charts, with its supervision where it is known.
@@ -134,7 +156,8 @@ mod tests {
     fn outcome(method: &str, seed: u64, seconds: f64, chamfer: f64) -> Outcome {
         let json = serde_json::json!({
             "scene": "ball", "method": method, "supervision": "rgb", "seed": seed, "seconds": seconds, "bytes": 1000 * (seed + 1),
-            "chamfer_l1": chamfer, "floor": 0.002, "psnr": 20.0 + seconds,
+            "chamfer_l1": chamfer, "floor": 0.002, "psnr": 20.0 + seconds, "cpu_seconds": 2.0 * seconds,
+            "cells": if method == "grid" { Some(64 << seed) } else { None },
         });
         serde_json::from_value(json).unwrap()
     }
@@ -155,6 +178,9 @@ mod tests {
         let curve = read("charts/ball-psnr-against-wall-time.csv");
         assert!(curve.contains("\"grid, rgb\",0.5,20.5,20,21") && curve.contains("\"slow, rgb\",9,29,,"), "{curve}");
         assert!(read("charts/ball-chamfer-l1-against-wall-time.svg").contains("class=\"front\""));
+        let cost = read("charts/ball-cpu-time-against-cells.csv");
+        assert!(cost.contains("64,6") && cost.contains("128,8") && !cost.contains("18"), "a network has none: {cost}");
+        assert!(!folder.path().join("charts/ball-memory-against-cells.svg").exists(), "not measured");
         let page = read("report.html");
         assert!(page.contains("Chamfer-L1 against size") && !page.contains("Silhouettes against"), "not measured");
     }

@@ -45,6 +45,9 @@ pub struct Outcome {
     /// Peak memory, bytes.
     #[serde(default)]
     pub peak_memory: Option<u64>,
+    /// Cells along an edge of the cube, of a grid.
+    #[serde(default)]
+    pub cells: Option<usize>,
     /// Bytes of the stored model.
     #[serde(default)]
     pub bytes: Option<usize>,
@@ -103,6 +106,7 @@ impl Outcome {
             training_seconds: Some(metrics.training_seconds),
             cpu_seconds: Some(metrics.resources.cpu_seconds - metrics.measuring_seconds[1]),
             peak_memory: metrics.resources.peak_memory,
+            cells: metrics.cells,
             bytes: Some(metrics.bytes),
             faces: Some(metrics.mesh.map_or(0, |[_, faces]| faces)),
             chamfer_l1: surface.map(|score| score.chamfer_l1),

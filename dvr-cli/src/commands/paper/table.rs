@@ -267,7 +267,7 @@ mod tests {
         assert!(text.contains("| 0.239 |") && text.contains("| 0.553 (a) |"), "{text}");
         let csv = table.csv().unwrap();
         assert_eq!(csv.lines().count(), 1 + 4 * 2, "{csv}");
-        assert!(csv.contains("softras,2D,1,5,90,7,chair,3,0.07,,,,,0.266"), "{csv}");
+        assert!(csv.contains("softras,2D,1,5,40,90,7,chair,3,0.07,,,,,0.266"), "{csv}");
         let page = table.page(Some(&RgbImage::new(8, 8))).unwrap();
         assert!(page.contains("data:image/jpeg;base64,") && page.contains("SoftRas"));
     }
