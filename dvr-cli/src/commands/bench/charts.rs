@@ -1,4 +1,5 @@
-//! Results as charts: quality against time with the range of seeds, Pareto fronts, quality against size.
+//! Results as charts: quality against time with the range of seeds, Pareto fronts, quality against size, what
+//! finer grids cost.
 
 use std::collections::BTreeSet;
 use std::path::Path;

@@ -54,7 +54,6 @@ pub struct Trained {
     /// Wall seconds, all sessions.
     pub seconds: f64,
     /// CPU seconds with what goes before the first step, all sessions up to their last lines of `metrics.csv`.
-    #[serde(default)]
     pub cpu_seconds: f64,
     /// Numbers of the model.
     pub parameters: usize,
