@@ -61,10 +61,8 @@ impl<const C: usize> Around<C> {
         }
         let mut row = [[0.0; C]; EDGE];
         for x in 0..EDGE / 2 {
-            for c in 0..C {
-                row[2 * x][c] = number(&at, C * x + c);
-                row[2 * x + 1][c] = number(&between, C * x + c);
-            }
+            row[2 * x] = std::array::from_fn(|c| number(&at, C * x + c));
+            row[2 * x + 1] = std::array::from_fn(|c| number(&between, C * x + c));
         }
         row
     }
