@@ -30,6 +30,6 @@ pub use adapter::{Adapter, AdapterKind, adapters};
 pub use buffer::{Buffer, Buffers, DeviceError};
 pub use march::{MarchOp, MarchPlan, PackedDecoder, RaySearch, Root, march_decoder};
 pub use memory::{CubeDevice, MemoryExcess, limit_memory, memory_excess, memory_held, points_at_once, rows_at_once};
-pub use open::{Gpu, GpuError, is_gpu, open};
+pub use open::{Gpu, GpuError, is_gpu, is_software, open};
 #[cfg(feature = "cuda")]
 pub use open::{cuda_devices, open_cuda};

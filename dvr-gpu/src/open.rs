@@ -7,7 +7,7 @@ use burn::tensor::Device;
 use cubecl::client::Client;
 use cubecl::wgpu::{AutoGraphicsApi, RuntimeOptions, try_init_setup};
 
-use crate::adapter::{Adapter, adapters};
+use crate::adapter::{Adapter, AdapterKind, adapters};
 
 /// An open GPU.
 #[derive(Clone, Debug)]
@@ -86,6 +86,13 @@ pub(crate) fn client(device: &Device) -> Option<Client> {
 /// Whether tensors of this device, with or without autodiff, lie on a GPU.
 pub fn is_gpu(device: &Device) -> bool {
     matches!(device.clone().inner().as_dispatch(), DispatchDevice::Cube(_))
+}
+
+/// Whether tensors of this device lie with a program that emulates a GPU: far slower than the CPU by itself.
+pub fn is_software(device: &Device) -> bool {
+    let DispatchDevice::Cube(device) = device.clone().inner().as_dispatch().clone() else { return false };
+    let software = adapters().iter().filter(|adapter| adapter.kind == AdapterKind::Software);
+    software.into_iter().any(|adapter| device == adapter.selector.clone().into())
 }
 
 /// The NVIDIA cards that CUDA knows: how many there are. None where CUDA is not installed.

@@ -41,6 +41,7 @@
 
 #![warn(missing_docs)]
 
+mod accelerator;
 mod active;
 mod bricks;
 mod clock;

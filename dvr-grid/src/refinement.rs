@@ -2,18 +2,21 @@
 
 use std::sync::Arc;
 
+use burn::tensor::Device;
 use dvr_core::hull::MaskDistance;
 use dvr_core::metrics::depth_maps::StereoDepth;
 use dvr_core::voxel::VoxelGrid;
-use dvr_core::{Cancellation, Cancelled, UnitCube, View};
+use dvr_core::{Cancellation, UnitCube, View};
 use glam::Vec3;
 
+use crate::accelerator::Accelerator;
 use crate::active::ActiveNodes;
 use crate::bricks::{BrickValues, near_refined_surface};
 use crate::color::{self, CHANNELS};
 use crate::config::GridConfig;
+use crate::error::Result;
 use crate::multires::{ColorGrid, Grids, ShapeGrid};
-use crate::start::{CARVING_CELLS, SpaceCarving, hull_detail, hull_start, open_share};
+use crate::start::{CARVING_CELLS, MaskDistances, SpaceCarving, hull_detail, hull_start, open_share};
 use crate::stereo::{FusedDistance, Stereo};
 use crate::views::{TrainingView, mean_object_color};
 
@@ -25,7 +28,7 @@ const MIN_MATCHED_VIEWS: usize = 6;
 
 /// What is known of the object before training.
 pub(crate) struct Refinement {
-    masks: Vec<MaskDistance>,
+    masks: MaskDistances,
     carving: Option<SpaceCarving>,
     /// Cells from which on grids have the carving.
     carved_from: usize,
@@ -34,35 +37,41 @@ pub(crate) struct Refinement {
     stereo_is_doubted: bool,
     /// What stereo found before training, of each view.
     pub depths: Vec<StereoDepth>,
+    /// What people should know of it all.
+    pub notes: Vec<String>,
     cancellation: Cancellation,
     /// Where colours start.
     pub mean_color: [f32; 3],
 }
 
 impl Refinement {
-    /// Carves what photographs show to be empty out of the hull, where the shape learns from them.
+    /// Carves what photographs show to be empty out of the hull, where the shape learns from them. What can be runs on the device, if it is a
+    /// GPU.
     ///
     /// # Errors
-    /// [`Cancelled`] where somebody wants it to end, here and in what follows.
+    /// [`crate::Error::Cancelled`] where somebody wants it to end, and when a GPU fails.
     pub fn new(
         masks: Vec<MaskDistance>,
         views: &[&View],
         config: &GridConfig,
+        device: Option<&Device>,
         cancellation: &Cancellation,
-    ) -> Result<Self, Cancelled> {
+    ) -> Result<Self> {
+        let accelerator = &mut Accelerator::new(device);
         let mean_color = mean_object_color(views).to_array();
         let start = Self {
-            masks,
+            masks: MaskDistances::new(masks, accelerator)?,
             carving: None,
             carved_from: 0,
             fused: None,
             stereo_is_doubted: false,
             depths: Vec::new(),
+            notes: Vec::new(),
             cancellation: cancellation.clone(),
             mean_color,
         };
         if config.steps == 0 || !config.losses.has_cross_view() || views.len() < MIN_MATCHED_VIEWS {
-            return Ok(start);
+            return Ok(Self { notes: std::mem::take(&mut accelerator.notes), ..start });
         }
         let names: Vec<&str> = views.iter().map(|view| view.name.as_str()).collect();
         let views = &TrainingView::pack(views, config.neighbours, 1);
@@ -70,7 +79,8 @@ impl Refinement {
         if config.plane_sweep_pixels > 0 {
             let grid = padded_cube(CARVING_CELLS);
             let (hull, _) = start.hull(&grid, config)?;
-            carving = SpaceCarving::by_plane_sweep(views, &grid, &hull, config.plane_sweep_pixels, cancellation)?;
+            let pixels = config.plane_sweep_pixels;
+            carving = SpaceCarving::by_plane_sweep(views, &grid, &hull, pixels, accelerator, cancellation)?;
             hull_of_carving = Some(hull);
         }
         let mut stereo = Stereo::default();
@@ -80,13 +90,20 @@ impl Refinement {
                 Some(hull) => hull,
                 None => start.hull(&grid, config)?.0,
             };
-            stereo = Stereo::of_views(&names, views, &grid, &hull, config.stereo_cells, cancellation)?;
+            let cells = config.stereo_cells;
+            stereo = Stereo::of_views(&names, views, &grid, &hull, cells, accelerator, cancellation)?;
         }
-        Ok(Self { carving, fused: stereo.fused, depths: stereo.depths, ..start })
+        Ok(Self {
+            carving,
+            fused: stereo.fused,
+            depths: stereo.depths,
+            notes: std::mem::take(&mut accelerator.notes),
+            ..start
+        })
     }
 
     /// Distance to the hull at every node, less what is carved, and the nodes at which the shape may change.
-    fn hull(&self, grid: &VoxelGrid, config: &GridConfig) -> Result<(Vec<f32>, ActiveNodes), Cancelled> {
+    fn hull(&self, grid: &VoxelGrid, config: &GridConfig) -> Result<(Vec<f32>, ActiveNodes)> {
         let carving = self.carving.as_ref().filter(|_| grid.cells() >= self.carved_from);
         self.hull_less(carving, grid, config)
     }
@@ -97,8 +114,8 @@ impl Refinement {
         carving: Option<&SpaceCarving>,
         grid: &VoxelGrid,
         config: &GridConfig,
-    ) -> Result<(Vec<f32>, ActiveNodes), Cancelled> {
-        let disagreeing = config.disagreeing_views.of(self.masks.len());
+    ) -> Result<(Vec<f32>, ActiveNodes)> {
+        let disagreeing = config.disagreeing_views.of(self.masks.all().len());
         hull_start(&self.masks, grid, disagreeing, carving, self.fused.as_ref(), &self.cancellation)
     }
 
@@ -174,21 +191,21 @@ impl Refinement {
 
     /// Distances of the masks' outlines, in the order of the training views.
     pub fn masks(&self) -> &[MaskDistance] {
-        &self.masks
+        self.masks.all()
     }
 
     /// The grids of the first stage.
-    pub fn first(&self, config: &GridConfig) -> Result<Grids, Cancelled> {
+    pub fn first(&self, config: &GridConfig) -> Result<Grids> {
         let grid = padded_cube(config.first_cells);
         self.first_of(self.hull(&grid, config)?, config)
     }
 
     /// The same of the whole hull, whatever is carved out of it.
-    pub fn first_of_whole_hull(&self, config: &GridConfig) -> Result<Grids, Cancelled> {
+    pub fn first_of_whole_hull(&self, config: &GridConfig) -> Result<Grids> {
         self.first_of(self.hull_less(None, &padded_cube(config.first_cells), config)?, config)
     }
 
-    fn first_of(&self, (base, active): (Vec<f32>, ActiveNodes), config: &GridConfig) -> Result<Grids, Cancelled> {
+    fn first_of(&self, (base, active): (Vec<f32>, ActiveNodes), config: &GridConfig) -> Result<Grids> {
         let coarser = (active.grid().cells() / config.coarsest_cells).ilog2() as usize;
         let shape = ShapeGrid::new(active, &base, coarser);
         let active = coarsened(shape.active(), config.color_coarseness);
@@ -198,7 +215,7 @@ impl Refinement {
     }
 
     /// Grids of twice the cells. Beyond `whole_cells`, only what is near the surface goes on learning.
-    pub fn refined(&self, grids: &Grids, config: &GridConfig) -> Result<Grids, Cancelled> {
+    pub fn refined(&self, grids: &Grids, config: &GridConfig) -> Result<Grids> {
         let cells = 2 * grids.cells();
         if cells > config.whole_cells {
             let (shape, color) = (grids.shape.values().clone(), grids.color.values().clone());
@@ -223,7 +240,7 @@ impl Refinement {
         base: &[f32],
         carving: &SpaceCarving,
         config: &GridConfig,
-    ) -> Result<(), Cancelled> {
+    ) -> Result<()> {
         let grid = *shape.grid();
         let (whole, _) = self.hull_less(None, &grid, config)?;
         let values = shape.values();
@@ -244,10 +261,10 @@ impl Refinement {
         shape: BrickValues<1>,
         color: BrickValues<CHANNELS>,
         config: &GridConfig,
-    ) -> Result<Grids, Cancelled> {
+    ) -> Result<Grids> {
         let grid = padded_cube(2 * grids.cells());
         let near = near_refined_surface(&grid, &shape, BAND_NODES);
-        let disagreeing = config.disagreeing_views.of(self.masks.len());
+        let disagreeing = config.disagreeing_views.of(self.masks.all().len());
         let detail = hull_detail(&self.masks, &near, disagreeing, &self.cancellation)?;
         let near_color = coarsened(&near, config.color_coarseness);
         let (shape, color) = (Arc::new(shape), Arc::new(color));

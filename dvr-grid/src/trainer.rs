@@ -6,7 +6,9 @@ use burn::tensor::Device;
 use dvr_core::hull::{MaskDistance, OutlineContradictions};
 use dvr_core::metrics::depth_maps::StereoDepth;
 use dvr_core::{Cancellation, Cancelled, Exposure, View, require_masks};
-use dvr_render::{SlopeRule, ViewMetrics, is_gpu, view_metrics, view_metrics_at_own_exposure};
+#[cfg(feature = "gpu")]
+use dvr_render::is_gpu;
+use dvr_render::{SlopeRule, ViewMetrics, view_metrics, view_metrics_at_own_exposure};
 use rayon::prelude::*;
 
 use crate::clock::PartTimes;
@@ -82,9 +84,39 @@ impl<'a> GridTrainer<'a> {
     /// # Errors
     /// As [`GridTrainer::new`]; [`Error::Cancelled`] where somebody wants it to end.
     pub fn start(
+        train: Vec<&'a View>,
+        validation: Vec<&'a View>,
+        config: GridConfig,
+        cancellation: &Cancellation,
+    ) -> Result<Self> {
+        Self::prepare(train, validation, config, None, cancellation)
+    }
+
+    /// The same on a device. One that is no GPU leaves all to the CPU.
+    ///
+    /// On a GPU, distances to the visual hull are measured, photographs compared (plane sweep, stereo), and steps carried out;
+    /// a program that emulates one has the steps alone. Steps draw the same rays as on the CPU, and report their losses in
+    /// every tenth step. Everything else, such as the decision about a stage, stays on the CPU.
+    ///
+    /// # Errors
+    /// The same; when the photographs or the grids do not fit into the device, or it fails.
+    pub fn start_on(
+        device: &Device,
+        train: Vec<&'a View>,
+        validation: Vec<&'a View>,
+        config: GridConfig,
+        cancellation: &Cancellation,
+    ) -> Result<Self> {
+        let device = Some(device).filter(|_| config.steps > 0);
+        Self::prepare(train, validation, config, device, cancellation)
+    }
+
+    /// What is known before training, and the first grids.
+    fn prepare(
         mut train: Vec<&'a View>,
         validation: Vec<&'a View>,
         config: GridConfig,
+        device: Option<&Device>,
         cancellation: &Cancellation,
     ) -> Result<Self> {
         config.check()?;
@@ -94,23 +126,25 @@ impl<'a> GridTrainer<'a> {
         if config.disagreeing_views == DisagreeingViews::Auto {
             notes.extend(contradictions(&train, &masks, cancellation)?);
         }
-        let mut refinement = Refinement::new(masks, &train, &config, cancellation)?;
+        let mut refinement = Refinement::new(masks, &train, &config, device, cancellation)?;
+        notes.append(&mut refinement.notes);
         notes.extend(Self::judge_stereo(&train, &config, &mut refinement)?);
         if refinement.is_hollowed() {
             let note;
-            (refinement, note) = Self::judged_hollows(&train, &config, refinement, cancellation)?;
+            (refinement, note) = Self::judged_hollows(&train, &config, refinement, device, cancellation)?;
             notes.extend(note);
         }
-        Self::begin(train, validation, config, refinement, notes, cancellation)
+        Self::begin(train, validation, config, refinement, notes, device, cancellation)
     }
 
-    /// The same from what is known before training.
+    /// The same from what is known before training; a device that is a GPU carries out the steps.
     fn begin(
         train: Vec<&'a View>,
         validation: Vec<&'a View>,
         config: GridConfig,
         refinement: Refinement,
         mut notes: Vec<String>,
+        device: Option<&Device>,
         cancellation: &Cancellation,
     ) -> Result<Self> {
         let grids = refinement.first(&config)?;
@@ -127,6 +161,7 @@ impl<'a> GridTrainer<'a> {
             // Nothing follows that would say it.
             notes.push(format!("visual hull: {} cells, NCC score {:.4}", grids.cells(), ncc.scores(&grids).mean()));
         }
+        let backend = backend(grids, &photographs, &config, device)?;
         Ok(Self {
             validation_ncc,
             weighted: GridConfig { rays: config.rays_of(photographs.order.len()), ..config.clone() },
@@ -138,7 +173,7 @@ impl<'a> GridTrainer<'a> {
             names,
             exposures: Vec::new(),
             refinement,
-            backend: Box::new(CpuBackend::new(grids)),
+            backend,
             sums: None,
             step: 0,
             pass_start: 0,
@@ -150,27 +185,6 @@ impl<'a> GridTrainer<'a> {
             cancellation: cancellation.clone(),
             times: PartTimes::default(),
         })
-    }
-
-    /// Lets a device carry out the steps. One that is no GPU leaves them on the CPU.
-    ///
-    /// Steps on a GPU draw the same rays as on the CPU, and report their losses in every tenth step. Everything else,
-    /// from the visual hull to the decision about a stage, stays on the CPU.
-    ///
-    /// # Errors
-    /// When the photographs or the grids do not fit into the device.
-    #[cfg_attr(not(feature = "gpu"), expect(unused_mut, reason = "this build knows no GPU"))]
-    pub fn on(mut self, device: &Device) -> Result<Self> {
-        if !is_gpu(device) || self.config.steps == 0 {
-            return Ok(self);
-        }
-        #[cfg(feature = "gpu")]
-        {
-            let grids = self.backend.grids()?.into_owned();
-            self.backend =
-                Box::new(crate::step::GpuBackend::new(device, &self.photographs.views, &self.config, grids)?);
-        }
-        Ok(self)
     }
 
     /// The depths that stereo found in the views before training, as far as other views confirm them; none where there
@@ -397,6 +411,21 @@ impl<'a> GridTrainer<'a> {
     }
 }
 
+/// What carries out steps on these grids: a device, if it is a GPU.
+fn backend(
+    grids: Grids,
+    photographs: &PyramidLevel,
+    config: &GridConfig,
+    device: Option<&Device>,
+) -> Result<Box<dyn StepBackend>> {
+    #[cfg(feature = "gpu")]
+    if let Some(device) = device.filter(|device| is_gpu(device)) {
+        return Ok(Box::new(crate::step::GpuBackend::new(device, &photographs.views, config, grids)?));
+    }
+    let _ = (photographs, config, device);
+    Ok(Box::new(CpuBackend::new(grids)))
+}
+
 /// The distances of the masks' outlines.
 fn mask_distances(train: &[&View], cancellation: &Cancellation) -> std::result::Result<Vec<MaskDistance>, Cancelled> {
     let pairs = train.par_iter().filter_map(|view| view.training_pair());
@@ -427,7 +456,7 @@ pub fn stereo_depths(
     require_masks(train.iter().copied())?;
     leave_out_wrong_masks(&mut train, config)?;
     let config = GridConfig { plane_sweep_pixels: 0, ..config.clone() };
-    Ok(Refinement::new(mask_distances(&train, cancellation)?, &train, &config, cancellation)?.depths)
+    Ok(Refinement::new(mask_distances(&train, cancellation)?, &train, &config, None, cancellation)?.depths)
 }
 
 mod band;

@@ -165,15 +165,9 @@ impl<'a> TrainingView<'a> {
     #[cfg(feature = "gpu")]
     pub fn record(&self) -> crate::gpu::views::ViewRecord {
         crate::gpu::views::ViewRecord {
-            center: self.camera.center.to_array(),
-            to_direction: self.camera.to_direction.to_cols_array(),
-            projection: self.camera.projection.to_cols_array(),
-            offset: self.camera.offset.to_array(),
-            width: self.width,
-            height: self.height,
-            first_pixel: 0,
             scale: self.exposure.scale().to_array(),
             shift: self.exposure.offset().to_array(),
+            ..crate::gpu::views::ViewRecord::of_camera(&self.camera, self.size())
         }
     }
 

@@ -5,7 +5,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use burn::tensor::Device;
 use dvr_core::mesh::shapes;
-use dvr_core::{Scene, ViewSplit};
+use dvr_core::{Cancellation, Scene, ViewSplit};
 use dvr_grid::{Capacity, GridConfig, GridTrainer};
 use dvr_tests::{Counted, gpu, rendered_scene, test_with};
 
@@ -32,7 +32,8 @@ fn train(scene: &Scene, device: &Device, seed: u64) {
         ..GridConfig::default()
     };
     let views = ViewSplit::of(scene).unwrap();
-    let mut trainer = GridTrainer::new(views.train, views.validation, config).unwrap().on(device).unwrap();
+    let mut trainer =
+        GridTrainer::start_on(device, views.train, views.validation, config, &Cancellation::default()).unwrap();
     while trainer.steps_done() < trainer.total_steps() {
         trainer.step().unwrap();
     }

@@ -73,6 +73,21 @@ impl MaskDistance {
         Some(self.sample(u - 0.5, v - 0.5) * self.scale * q.z)
     }
 
+    /// `K R` and `K t`: from a point to cells times its depth, and its depth.
+    pub fn projection(&self) -> (Mat3, Vec3) {
+        (self.projection, self.offset)
+    }
+
+    /// Cells to object units, times depth.
+    pub fn scale(&self) -> f32 {
+        self.scale
+    }
+
+    /// Columns and rows of cells, and their signed distances to the outline in cells, row by row, positive inside.
+    pub fn cells(&self) -> ([usize; 2], &[f32]) {
+        (self.size, &self.distances)
+    }
+
     /// Signed distance of a pixel's centre to the outline, in pixels.
     pub fn of_pixel(&self, u: u32, v: u32) -> f32 {
         let k = self.cells_per_pixel;
@@ -139,7 +154,7 @@ pub fn hull_distances(masks: &[MaskDistance], points: &[Vec3], reach: f32, disag
 }
 
 /// The most views that [`hull_distance`] disbelieves.
-const MAX_DISAGREEING: usize = 15;
+pub const MAX_DISAGREEING: usize = 15;
 
 /// Points whose distances to one mask are found together.
 const TOGETHER: usize = 64;

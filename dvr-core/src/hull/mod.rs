@@ -20,7 +20,7 @@ mod wrong_masks;
 pub use bounds::Bounds;
 pub use coherence::OutlineContradictions;
 pub use consistency::silhouette_consistency;
-pub use distance::{MaskDistance, hull_distance, hull_distances};
+pub use distance::{MAX_DISAGREEING, MaskDistance, hull_distance, hull_distances};
 pub use normalisation::{Normalisation, normalisation, normalisation_by_cameras};
 pub use point_box::point_box;
 pub use settings::HullSettings;

@@ -6,6 +6,8 @@
 use std::mem::offset_of;
 
 use cubecl::prelude::*;
+use dvr_core::Pinhole;
+use dvr_gpu::{Buffer, Buffers, DeviceError};
 
 use super::voxel::{Point, lerp};
 
@@ -29,6 +31,36 @@ pub(crate) struct ViewRecord {
     pub scale: [f32; 3],
     /// See `scale`.
     pub shift: [f32; 3],
+}
+
+impl ViewRecord {
+    /// A view whose colours are taken as they are.
+    pub fn of_camera(camera: &Pinhole, [width, height]: [u32; 2]) -> Self {
+        Self {
+            center: camera.center.to_array(),
+            to_direction: camera.to_direction.to_cols_array(),
+            projection: camera.projection.to_cols_array(),
+            offset: camera.offset.to_array(),
+            width,
+            height,
+            first_pixel: 0,
+            scale: [1.0; 3],
+            shift: [0.0; 3],
+        }
+    }
+}
+
+/// The table of views, whose pixels follow each other in the order of views.
+///
+/// # Errors
+/// When there is no room for it.
+pub(crate) fn table(buffers: &Buffers, mut views: Vec<ViewRecord>) -> Result<Buffer, DeviceError> {
+    let mut first_pixel = 0u32;
+    for view in &mut views {
+        view.first_pixel = first_pixel;
+        first_pixel += view.width * view.height;
+    }
+    buffers.words("the table of views", bytemuck::cast_slice(&views).to_vec())
 }
 
 /// Words of a view.
@@ -118,11 +150,17 @@ impl Photo {
         Point::new(scale.x * color.x, scale.y * color.y, scale.z * color.z)
     }
 
+    /// Pixel coordinates of a point times its z-depth, and its z-depth.
+    pub fn projected(&self, views: &[u32], point: &Point) -> Point {
+        let projection = self.at + comptime!(offset_of!(ViewRecord, projection) / 4);
+        let offset = vector(views, self.at + comptime!(offset_of!(ViewRecord, offset) / 4));
+        transformed(views, projection, point).plus(&offset)
+    }
+
     /// The colour at the projection of a point, and its derivative as the point moves along `direction`.
     pub fn reproject(&self, views: &[u32], pixels: &[u32], point: &Point, direction: &Point) -> Seen {
         let projection = self.at + comptime!(offset_of!(ViewRecord, projection) / 4);
-        let offset = vector(views, self.at + comptime!(offset_of!(ViewRecord, offset) / 4));
-        let q = transformed(views, projection, point).plus(&offset);
+        let q = self.projected(views, point);
         let (px, py) = (q.x / q.z, q.y / q.z);
         let (x, y) = (px - 0.5f32, py - 0.5f32);
         let (last_u, last_v) = (max(self.width, 2u32) - 2u32, max(self.height, 2u32) - 2u32);

@@ -2,57 +2,32 @@
 
 use crate::active::ActiveNodes;
 use crate::bricks::BrickValues;
-use dvr_core::hull::{MaskDistance, hull_distances};
+use dvr_core::Cancellation;
 use dvr_core::voxel::VoxelGrid;
-use dvr_core::{Cancellation, Cancelled};
-use glam::Vec3;
 use rayon::prelude::*;
 
+use super::mask_distances::{MaskDistances, Nodes};
 use super::space_carving::SpaceCarving;
+use crate::error::Result;
 use crate::stereo::FusedDistance;
-
-/// Distances are known up to this, object units.
-const REACH: f32 = 0.1;
 
 /// Cells around the hull in which the surface may move.
 const BAND_CELLS: f32 = 2.5;
-
-/// Points that a task measures.
-const CHUNK: usize = 1 << 10;
-
-/// Distances to the hull of so many points. They are made where they are needed: a dense grid has too many to be kept.
-fn of_points(
-    masks: &[MaskDistance],
-    count: usize,
-    point: impl Fn(usize) -> Vec3 + Sync,
-    disagreeing: usize,
-    cancellation: &Cancellation,
-) -> Result<Vec<f32>, Cancelled> {
-    let mut distances = vec![0.0; count];
-    distances.par_chunks_mut(CHUNK).enumerate().try_for_each(|(chunk, distances)| {
-        cancellation.check()?;
-        let points: Vec<Vec3> = (0..distances.len()).map(|i| point(chunk * CHUNK + i)).collect();
-        distances.copy_from_slice(&hull_distances(masks, &points, REACH, disagreeing));
-        Ok(())
-    })?;
-    Ok(distances)
-}
 
 /// What the hull's distance at the active nodes adds to what is interpolated of it from every second node, in their
 /// order: the detail of outlines, for values that come from a grid of half the cells.
 ///
 /// # Errors
-/// [`Cancelled`] where somebody wants it to end.
+/// [`crate::Error::Cancelled`] where somebody wants it to end, and when a GPU fails.
 pub(crate) fn hull_detail(
-    masks: &[MaskDistance],
+    masks: &MaskDistances,
     active: &ActiveNodes,
     disagreeing: usize,
     cancellation: &Cancellation,
-) -> Result<Vec<f32>, Cancelled> {
-    let distances = |active: &ActiveNodes| -> Result<Vec<f32>, Cancelled> {
-        let grid = active.grid();
+) -> Result<Vec<f32>> {
+    let distances = |active: &ActiveNodes| -> Result<Vec<f32>> {
         let nodes: Vec<usize> = active.iter().collect();
-        of_points(masks, nodes.len(), |i| grid.position(nodes[i]), disagreeing, cancellation)
+        masks.hull(active.grid(), Nodes::Some(&nodes), disagreeing, cancellation)
     };
     let coarser = active.coarser();
     let coarse = BrickValues::<1>::of_active(&coarser, &distances(&coarser)?);
@@ -68,16 +43,16 @@ pub(crate) fn hull_detail(
 /// band around it. What lies outside stays outside, what is carved starts empty, and what lies deep in it stays so.
 ///
 /// # Errors
-/// [`Cancelled`] where somebody wants it to end.
+/// [`crate::Error::Cancelled`] where somebody wants it to end, and when a GPU fails.
 pub(crate) fn hull_start(
-    masks: &[MaskDistance],
+    masks: &MaskDistances,
     grid: &VoxelGrid,
     disagreeing: usize,
     carving: Option<&SpaceCarving>,
     fused: Option<&FusedDistance>,
     cancellation: &Cancellation,
-) -> Result<(Vec<f32>, ActiveNodes), Cancelled> {
-    let mut distances = of_points(masks, grid.len(), |node| grid.position(node), disagreeing, cancellation)?;
+) -> Result<(Vec<f32>, ActiveNodes)> {
+    let mut distances = masks.hull(grid, Nodes::All, disagreeing, cancellation)?;
     for (_, distance) in distances.iter_mut().enumerate().filter(|(node, _)| grid.is_on_border(*node)) {
         // The border of the cube is outside: a surface is closed there.
         *distance = distance.min(-0.5 * grid.spacing());

@@ -9,29 +9,31 @@ use dvr_core::{Bilinear, Cancellation, Cancelled};
 use glam::{Vec2, Vec3, Vec3A};
 use rayon::prelude::*;
 
+use crate::accelerator::Accelerator;
+use crate::error::Result;
 use crate::patch::CenteredPatch;
 use crate::views::TrainingView;
 
 /// Half the side of the patches that are compared, pixels of the shrunk pictures.
-const HALF: usize = 1;
+pub(super) const HALF: usize = 1;
 
 /// Samples of a patch.
-const SAMPLES: usize = (2 * HALF + 1) * (2 * HALF + 1);
+pub(super) const SAMPLES: usize = (2 * HALF + 1) * (2 * HALF + 1);
 
 /// Numbers that a patch consists of.
-const VALUES: usize = 3 * SAMPLES;
+pub(super) const VALUES: usize = 3 * SAMPLES;
 
 /// Variance of colour below which a patch shows nothing to compare.
-const MIN_VARIANCE: f32 = 4e-4;
+pub(super) const MIN_VARIANCE: f32 = 4e-4;
 
 /// Correlation from which two patches show the same: low, since their plane is not that of the surface.
-const ALIKE: f32 = 0.5;
+pub(super) const ALIKE: f32 = 0.5;
 
 /// By how much the best depth must correlate better than all that are not beside it.
-const LEAD: f32 = 0.05;
+pub(super) const LEAD: f32 = 0.05;
 
 /// Other views that a patch is looked for in.
-const LOOKED_IN: usize = 5;
+pub(super) const LOOKED_IN: usize = 5;
 
 /// A pixel that was looked at.
 pub(super) struct SweptPixel {
@@ -45,9 +47,9 @@ pub(super) struct SweptPixel {
 
 /// Photographs that are compared, and the hull that they are compared in.
 pub(super) struct PlaneSweep<'a> {
-    views: &'a [TrainingView<'a>],
-    pictures: Vec<Shrunk>,
-    grid: &'a VoxelGrid,
+    pub views: &'a [TrainingView<'a>],
+    pub pictures: Vec<Shrunk>,
+    pub grid: &'a VoxelGrid,
     cancellation: &'a Cancellation,
 }
 
@@ -65,32 +67,47 @@ impl<'a> PlaneSweep<'a> {
     }
 
     /// The pixels of every view whose rays enter the hull, one in `stride` by `stride`; `hull` holds the hull's distance
-    /// at the nodes of the grid, positive inside.
+    /// at the nodes of the grid, positive inside. The accelerator looks at them, if it has room.
     ///
     /// # Errors
-    /// [`Cancelled`] where somebody wants it to end.
-    pub fn depths(&self, hull: &[f32], stride: usize) -> Result<Vec<Vec<SweptPixel>>, Cancelled> {
-        (0..self.views.len()).into_par_iter().map(|view| self.depths_of(view, hull, stride)).collect()
-    }
-
-    fn depths_of(&self, view: usize, hull: &[f32], stride: usize) -> Result<Vec<SweptPixel>, Cancelled> {
-        let picture = &self.pictures[view];
-        let along = |side: usize| (0..side.div_ceil(stride)).map(move |i| (i * stride + stride / 2).min(side - 1));
-        let mut found = Vec::new();
-        for (y, x) in along(picture.height).flat_map(|y| along(picture.width).map(move |x| (y, x))) {
+    /// [`crate::Error::Cancelled`] where somebody wants it to end, and when a GPU fails.
+    pub fn depths(&self, hull: &[f32], stride: usize, accelerator: &mut Accelerator) -> Result<Vec<Vec<SweptPixel>>> {
+        #[cfg(feature = "gpu")]
+        {
             self.cancellation.check()?;
-            if !picture.colors[y * picture.width + x].is_nan() {
-                found.extend(self.swept(view, hull, x, y));
+            if let Some(found) =
+                accelerator.run("the plane sweep", |gpu| super::gpu::depths(gpu, self, hull, stride))?
+            {
+                return Ok(found);
             }
         }
+        let _ = accelerator;
+        let depths = (0..self.views.len()).into_par_iter().map(|view| self.depths_of(view, hull, stride));
+        Ok(depths.collect::<std::result::Result<_, Cancelled>>()?)
+    }
+
+    fn depths_of(&self, view: usize, hull: &[f32], stride: usize) -> std::result::Result<Vec<SweptPixel>, Cancelled> {
+        let mut found = Vec::new();
+        for [x, y] in self.pixels(view, stride) {
+            self.cancellation.check()?;
+            found.extend(self.swept(view, hull, x, y));
+        }
         Ok(found)
+    }
+
+    /// One pixel in `stride` by `stride` of a view's shrunk picture, where it shows the object.
+    pub fn pixels(&self, view: usize, stride: usize) -> impl Iterator<Item = [usize; 2]> {
+        let picture = &self.pictures[view];
+        let along = move |side: usize| (0..side.div_ceil(stride)).map(move |i| (i * stride + stride / 2).min(side - 1));
+        let all = along(picture.height).flat_map(move |y| along(picture.width).map(move |x| [x, y]));
+        all.filter(|&[x, y]| !picture.colors[y * picture.width + x].is_nan())
     }
 
     /// A pixel; `None` where its ray misses the hull.
     fn swept(&self, view: usize, hull: &[f32], x: usize, y: usize) -> Option<SweptPixel> {
         let camera = &self.views[view].camera;
         let direction = camera.direction_through(self.pictures[view].middle(x, y));
-        let step = 0.5 * self.grid.spacing();
+        let step = self.step();
         let [near, far] = self.inside(hull, camera.center, direction, step)?;
         Some(SweptPixel { direction, near, depth: self.depth(view, x, y, near, far) })
     }
@@ -99,7 +116,7 @@ impl<'a> PlaneSweep<'a> {
     fn depth(&self, view: usize, x: usize, y: usize, near: f32, far: f32) -> Option<f32> {
         let (own, picture) = (&self.views[view], &self.pictures[view]);
         let patch = picture.patch(x, y).filter(|patch| patch.variance > MIN_VARIANCE)?;
-        let step = 0.5 * self.grid.spacing();
+        let step = self.step();
         let side = 2 * HALF + 1;
         let directions: [Vec3; SAMPLES] = std::array::from_fn(|i| {
             own.camera.direction_through(picture.middle(x + i % side - HALF, y + i / side - HALF))
@@ -115,9 +132,9 @@ impl<'a> PlaneSweep<'a> {
 
     /// Where a ray enters the hull, and where it leaves it again.
     fn inside(&self, hull: &[f32], origin: Vec3, direction: Vec3, step: f32) -> Option<[f32; 2]> {
-        let reach = self.grid.half_extent() * 3f32.sqrt();
+        let reach = self.reach();
         let toward = -origin.dot(direction) / direction.length_squared();
-        let steps = (2.0 * reach / step) as usize;
+        let steps = self.steps();
         let depth = |k: usize| toward - reach / direction.length() + k as f32 * step;
         let is_inside = |k: &usize| {
             let point = origin + depth(*k) * direction;
@@ -126,6 +143,21 @@ impl<'a> PlaneSweep<'a> {
         let enters = (0..steps).find(is_inside)?;
         let leaves = (enters..steps).find(|k| !is_inside(k)).unwrap_or(steps);
         Some([depth(enters), depth(leaves)])
+    }
+
+    /// From the cube's middle to its corner.
+    pub fn reach(&self) -> f32 {
+        self.grid.half_extent() * 3f32.sqrt()
+    }
+
+    /// Between the candidates of depth.
+    pub fn step(&self) -> f32 {
+        0.5 * self.grid.spacing()
+    }
+
+    /// Steps through the cube, from corner to corner.
+    pub fn steps(&self) -> usize {
+        (2.0 * self.reach() / self.step()) as usize
     }
 
     /// How well a patch on the plane at a depth matches what other views show there: the mean of the two best
@@ -151,13 +183,13 @@ impl<'a> PlaneSweep<'a> {
 }
 
 /// A photograph in pixels about as large as candidates of depth are apart; no numbers off the object.
-struct Shrunk {
-    width: usize,
-    height: usize,
+pub(super) struct Shrunk {
+    pub width: usize,
+    pub height: usize,
     /// Pixels of the photograph along the side of one of these.
-    factor: usize,
+    pub factor: usize,
     /// In vectors: they are interpolated at every depth.
-    colors: Vec<Vec3A>,
+    pub colors: Vec<Vec3A>,
 }
 
 impl Shrunk {
@@ -178,7 +210,7 @@ impl Shrunk {
     }
 
     /// A pixel's middle in the photograph's own pixels.
-    fn middle(&self, x: usize, y: usize) -> Vec2 {
+    pub fn middle(&self, x: usize, y: usize) -> Vec2 {
         self.factor as f32 * Vec2::new(x as f32 + 0.5, y as f32 + 0.5)
     }
 

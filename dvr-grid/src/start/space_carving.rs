@@ -9,7 +9,7 @@
 //! the mouths of hollows are.
 
 use dvr_core::voxel::{VoxelGrid, least_area};
-use dvr_core::{Cancellation, Cancelled, flood, signed_distance_at_nodes};
+use dvr_core::{Cancellation, flood, signed_distance_at_nodes};
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -17,6 +17,8 @@ use super::carving_votes::{AT_ONCE, Votes, blurred, nodes_along};
 use super::confirmed::forget_unconfirmed;
 use super::plane_sweep::{PlaneSweep, SweptPixel};
 use super::silhouettes::{unexplained, way};
+use crate::accelerator::Accelerator;
+use crate::error::Result;
 use crate::views::TrainingView;
 
 /// Cells along an edge of the grid that is carved, whatever the first stage has: memory goes by their cube.
@@ -73,23 +75,25 @@ pub(crate) struct SpaceCarving {
 
 impl SpaceCarving {
     /// Sweeps about this many pixels, spread evenly over the views, at the spacing of every second node of `grid`; `hull`
-    /// holds the hull's distance at its nodes, positive inside. `None` where nothing is carved.
+    /// holds the hull's distance at its nodes, positive inside. `None` where nothing is carved. Pixels are looked at on the
+    /// accelerator, if it has room.
     ///
     /// # Errors
-    /// [`Cancelled`] where somebody wants it to end.
+    /// [`crate::Error::Cancelled`] where somebody wants it to end, and when a GPU fails.
     pub fn by_plane_sweep(
         views: &[TrainingView],
         grid: &VoxelGrid,
         hull: &[f32],
         pixels: usize,
+        accelerator: &mut Accelerator,
         cancellation: &Cancellation,
-    ) -> Result<Option<Self>, Cancelled> {
+    ) -> Result<Option<Self>> {
         let coarse = VoxelGrid::new(grid.cells() / 2 + 1, grid.half_extent());
         let hull_of_coarse: Vec<f32> =
             (0..coarse.len()).map(|node| hull[grid.index(coarse.coordinates(node).map(|c| 2 * c))]).collect();
         let sweep = PlaneSweep::new(views, &coarse, cancellation);
         let stride = sweep.stride(pixels);
-        let mut swept = sweep.depths(&hull_of_coarse, stride)?;
+        let mut swept = sweep.depths(&hull_of_coarse, stride, accelerator)?;
         forget_unconfirmed(views, &mut swept, CONFIRMED * grid.spacing());
         cancellation.check()?;
         let is_inside: Vec<bool> = hull.iter().map(|&distance| distance > 0.0).collect();

@@ -7,13 +7,13 @@ use super::cost_volume::{CostVolume, Part, Window};
 use super::picture::Picture;
 
 /// Half the side of the patches that are compared, pixels.
-const HALF: usize = 3;
+pub(super) const HALF: usize = 3;
 
 /// Variance of brightness that noise alone may have.
-const NOISE: f32 = 1e-4;
+pub(super) const NOISE: f32 = 1e-4;
 
 /// Samples of a patch that both views must show.
-const MIN_SAMPLES: f32 = 20.0;
+pub(super) const MIN_SAMPLES: f32 = 20.0;
 
 /// Sums of the columns of patches: samples that both views show, brightness in each, squares of each, and products.
 type Columns = [Vec<f32>; 6];
@@ -48,7 +48,6 @@ impl Space {
 /// correlations of each.
 pub(super) struct Match<'a> {
     pub volume: &'a CostVolume,
-    pub part: &'a Part,
     pub own: &'a Picture,
     pub other: &'a Picture,
     pub depth: f32,
@@ -62,8 +61,8 @@ impl NullaryFnOnce for Match<'_> {
 
     #[inline(always)]
     fn call(self) {
-        let Self { volume, part, own, other, depth, window, space } = self;
-        warp(own, other, depth, part, &window, space);
+        let Self { volume, own, other, depth, window, space } = self;
+        warp(own, other, depth, &volume.layout.part, &window, space);
         correlate(volume, &window, space);
     }
 }
@@ -172,7 +171,7 @@ impl Places {
 /// Correlates the patches around each pixel of a window with what was carried there, and keeps the two best.
 #[inline(always)]
 fn correlate(volume: &CostVolume, window: &Window, space: &mut Space) {
-    let (width, height) = (volume.width, volume.height);
+    let Part { width, height, .. } = volume.layout.part;
     let Space { seen, is_seen, best, columns, correlations, .. } = space;
     // Patches lie within the picture.
     let [first, last] = [window.columns[0].max(HALF), window.columns[1].min(width.saturating_sub(HALF))];
@@ -212,7 +211,7 @@ fn add_row(
     sign: f32,
     columns: &mut Columns,
 ) {
-    let (at, count) = (row * volume.width + left, right - left);
+    let (at, count) = (row * volume.layout.part.width + left, right - left);
     let (grey, seen, is_seen) = (&volume.grey[at..][..count], &seen[at..][..count], &is_seen[at..][..count]);
     let [n, r, w, rr, ww, rw] = columns.each_mut().map(|column| &mut column[left..right]);
     for x in 0..count {

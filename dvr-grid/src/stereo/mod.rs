@@ -11,6 +11,8 @@ mod correlation;
 mod cost_volume;
 mod depth_map;
 mod fusion;
+#[cfg(feature = "gpu")]
+mod gpu;
 mod hull;
 mod picture;
 mod semi_global;

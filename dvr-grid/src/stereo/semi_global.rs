@@ -5,22 +5,25 @@ use std::ops::Range;
 
 use pulp::{Arch, NullaryFnOnce};
 
-use super::cost_volume::CostVolume;
+use super::cost_volume::{CostVolume, Part};
 
 /// Price of a change by one plane, in units of correlation.
-const SLANT: f32 = 0.05;
+pub(super) const SLANT: f32 = 0.05;
 
 /// Price of a larger change where brightness does not change; it falls with the contrast.
-const JUMP: f32 = 0.4;
+pub(super) const JUMP: f32 = 0.4;
 
 /// Difference of brightness that halves the price of a jump.
-const CONTRAST: f32 = 0.08;
+pub(super) const CONTRAST: f32 = 0.08;
+
+/// Columns and rows from pixel to pixel.
+pub(super) const DIRECTIONS: [[i32; 2]; 8] = [[1, 0], [-1, 0], [0, 1], [0, -1], [1, 1], [-1, 1], [1, -1], [-1, -1]];
 
 /// The aggregated costs, laid out as those of the volume.
 pub(super) fn aggregate(volume: &CostVolume) -> Vec<f32> {
     let mut sums = vec![0.0; volume.costs.len()];
     let arch = Arch::new();
-    for direction in [[1, 0], [-1, 0], [0, 1], [0, -1], [1, 1], [-1, 1], [1, -1], [-1, -1]] {
+    for direction in DIRECTIONS {
         arch.dispatch(Along { volume, direction, sums: &mut sums });
     }
     sums
@@ -40,22 +43,23 @@ impl NullaryFnOnce for Along<'_> {
     #[inline(always)]
     fn call(self) {
         let Self { volume, direction: [dx, dy], sums } = self;
-        let (width, height) = (volume.width, volume.height);
+        let Part { width, height, .. } = volume.layout.part;
+        let planes = volume.layout.planes;
         // Costs of the row before and of this one on their paths, and of the pixel before.
-        let (mut before, mut here) = (Row::new(width, volume.planes), Row::new(width, volume.planes));
-        let mut old = vec![f32::INFINITY; volume.planes + 2];
+        let (mut before, mut here) = (Row::new(width, planes), Row::new(width, planes));
+        let mut old = vec![f32::INFINITY; planes + 2];
         for row in 0..height {
             let y = if dy < 0 { height - 1 - row } else { row };
             for column in 0..width {
                 let x = if dx < 0 { width - 1 - column } else { column };
                 let pixel = y * width + x;
-                let (planes, at) = volume.planes_of(pixel);
+                let (planes, at) = volume.layout.planes_of(pixel);
                 if planes.is_empty() {
                     continue;
                 }
                 let costs = &volume.costs[at.clone()];
                 let from = came_from(volume, [x, y], [dx, dy]).map(|from| {
-                    let (there, _) = volume.planes_of(from);
+                    let (there, _) = volume.layout.planes_of(from);
                     let row = if dy == 0 { &here } else { &before };
                     around(&planes, &there, row.costs(from % width), &mut old);
                     (from, row.least[from % width])
@@ -83,10 +87,11 @@ impl NullaryFnOnce for Along<'_> {
 /// The pixel before on the path, where there is one that lies in the hull.
 #[inline(always)]
 fn came_from(volume: &CostVolume, [x, y]: [usize; 2], [dx, dy]: [i32; 2]) -> Option<usize> {
-    let x = x.checked_add_signed(-dx as isize).filter(|&x| x < volume.width)?;
-    let y = y.checked_add_signed(-dy as isize).filter(|&y| y < volume.height)?;
-    let pixel = y * volume.width + x;
-    (!volume.planes_of(pixel).0.is_empty()).then_some(pixel)
+    let Part { width, height, .. } = volume.layout.part;
+    let x = x.checked_add_signed(-dx as isize).filter(|&x| x < width)?;
+    let y = y.checked_add_signed(-dy as isize).filter(|&y| y < height)?;
+    let pixel = y * width + x;
+    (!volume.layout.planes_of(pixel).0.is_empty()).then_some(pixel)
 }
 
 /// Costs of a row of pixels on their paths, each from its first plane on, and the least of each.
@@ -161,7 +166,14 @@ mod tests {
     use rand::{Rng, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 
+    use super::super::cost_volume::VolumeLayout;
     use super::*;
+
+    /// A volume whose depths cost all the same.
+    fn unknown([width, height]: [usize; 2], planes: usize, ranges: Vec<[u16; 2]>, grey: Vec<f32>) -> CostVolume {
+        let part = Part { left: 0, top: 0, width, height };
+        CostVolume::unknown(VolumeLayout::of_ranges(part, [1.0, 0.1], planes, ranges), grey)
+    }
 
     /// A volume of 9x9 pixels and 12 planes, with these costs.
     fn volume(cost: impl Fn(usize, usize, usize) -> f32) -> CostVolume {
@@ -171,7 +183,7 @@ mod tests {
             .map(|(pixel, plane)| cost(pixel % width, pixel / width, plane))
             .collect();
         let ranges = vec![[0, planes as u16 - 1]; width * height];
-        let mut volume = CostVolume::unknown([width, height], [1.0, 0.1], planes, ranges, vec![0.5; width * height]);
+        let mut volume = unknown([width, height], planes, ranges, vec![0.5; width * height]);
         volume.costs = costs;
         volume
     }
@@ -196,17 +208,17 @@ mod tests {
 
     /// Costs along one direction by the definition, of all planes of all pixels; infinite where none may lie.
     fn by_definition(volume: &CostVolume, [dx, dy]: [i32; 2]) -> Vec<Vec<f32>> {
-        let (width, height) = (volume.width as i32, volume.height as i32);
-        let mut found = vec![vec![f32::INFINITY; volume.planes]; volume.width * volume.height];
+        let [width, height] = [volume.layout.part.width, volume.layout.part.height].map(|side| side as i32);
+        let mut found = vec![vec![f32::INFINITY; volume.layout.planes]; volume.layout.pixels()];
         for i in 0..width * height {
             let (column, row) = (i % width, i / width);
             let x = if dx < 0 { width - 1 - column } else { column };
             let y = if dy < 0 { height - 1 - row } else { row };
             let pixel = (y * width + x) as usize;
-            let (planes, at) = volume.planes_of(pixel);
+            let (planes, at) = volume.layout.planes_of(pixel);
             let is_there = (0..width).contains(&(x - dx)) && (0..height).contains(&(y - dy));
             let before = is_there.then(|| ((y - dy) * width + x - dx) as usize);
-            let before = before.filter(|&before| !volume.planes_of(before).0.is_empty());
+            let before = before.filter(|&before| !volume.layout.planes_of(before).0.is_empty());
             for (plane, cost) in planes.zip(at) {
                 let least = before.map(|before| {
                     let old = &found[before];
@@ -234,14 +246,14 @@ mod tests {
         };
         let ranges = (0..width * height).map(|_| range(&mut rng)).collect();
         let grey = (0..width * height).map(|_| rng.random()).collect();
-        let mut volume = CostVolume::unknown([width, height], [1.0, 0.1], planes, ranges, grey);
+        let mut volume = unknown([width, height], planes, ranges, grey);
         volume.costs.iter_mut().for_each(|cost| *cost = rng.random());
         let found = aggregate(&volume);
         let mut expected = vec![0.0; found.len()];
-        for direction in [[1, 0], [-1, 0], [0, 1], [0, -1], [1, 1], [-1, 1], [1, -1], [-1, -1]] {
+        for direction in DIRECTIONS {
             let along = by_definition(&volume, direction);
             for (pixel, along) in along.iter().enumerate() {
-                let (planes, at) = volume.planes_of(pixel);
+                let (planes, at) = volume.layout.planes_of(pixel);
                 expected[at].iter_mut().zip(&along[planes]).for_each(|(sum, cost)| *sum += cost);
             }
         }

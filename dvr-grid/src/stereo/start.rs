@@ -12,6 +12,8 @@ use super::hull::Hull;
 use super::picture::Picture;
 use super::sweep::depth_map;
 use super::view_selection::neighbours;
+use crate::accelerator::Accelerator;
+use crate::error::Result;
 use crate::occupancy::OccupancyBitmask;
 use crate::views::TrainingView;
 
@@ -33,27 +35,25 @@ pub(crate) struct Stereo {
 
 impl Stereo {
     /// Matches views of these names through the hull, whose distance at the nodes of `grid` is `hull`, positive inside,
-    /// and fuses the depths on `cells` cells along an edge.
+    /// and fuses the depths on `cells` cells along an edge. Views are matched on the
+    /// accelerator, if it has room for them.
     ///
     /// # Errors
-    /// [`Cancelled`] where somebody wants it to end.
+    /// [`crate::Error::Cancelled`] where somebody wants it to end, and when a GPU fails.
     pub fn of_views(
         names: &[&str],
         views: &[TrainingView],
         grid: &VoxelGrid,
         hull: &[f32],
         cells: usize,
+        accelerator: &mut Accelerator,
         cancellation: &Cancellation,
-    ) -> Result<Self, Cancelled> {
+    ) -> Result<Self> {
         let fine = VoxelGrid::new(cells + 1, grid.half_extent());
         let hull = Hull { bitmask: OccupancyBitmask::new(grid, hull), values: hull };
         let pictures: Vec<Picture> = views.par_iter().map(|view| Picture::new(view, PIXEL * fine.spacing())).collect();
         let neighbours = neighbours(&pictures);
-        let sweep = |view: usize| {
-            cancellation.check()?;
-            Ok(depth_map(&pictures, view, &neighbours[view], &hull))
-        };
-        let maps = (0..views.len()).into_par_iter().map(sweep).collect::<Result<Vec<DepthMap>, Cancelled>>()?;
+        let maps = depth_maps(&pictures, &neighbours, &hull, accelerator, cancellation)?;
         let mut maps = consistent(&pictures, &neighbours, &maps);
         let of_view = |view: usize| maps[view].of_view(names[view], &pictures[view], &neighbours[view]);
         let depths = (0..views.len()).map(of_view).collect();
@@ -63,6 +63,29 @@ impl Stereo {
         cancellation.check()?;
         Ok(Self { depths, fused: FusedDistance::new(&pictures, &maps, &fine, &hull) })
     }
+}
+
+/// The depths of every view; see [`Stereo::of_views`].
+fn depth_maps(
+    pictures: &[Picture],
+    neighbours: &[Vec<usize>],
+    hull: &Hull,
+    accelerator: &mut Accelerator,
+    cancellation: &Cancellation,
+) -> Result<Vec<DepthMap>> {
+    #[cfg(feature = "gpu")]
+    if let Some(found) =
+        accelerator.run("stereo", |gpu| super::gpu::depth_maps(gpu, pictures, neighbours, hull, cancellation))?
+    {
+        return Ok(found);
+    }
+    let _ = accelerator;
+    let sweep = |view: usize| {
+        cancellation.check()?;
+        Ok(depth_map(pictures, view, &neighbours[view], hull))
+    };
+    let maps = (0..pictures.len()).into_par_iter().map(sweep).collect::<std::result::Result<_, Cancelled>>()?;
+    Ok(maps)
 }
 
 #[cfg(test)]
@@ -94,7 +117,10 @@ mod tests {
         let distance = |point| hull_distance(&masks, point, 0.1, 4);
         let hull: Vec<f32> = (0..grid.len()).map(|node| distance(grid.position(node))).collect();
         let views = TrainingView::pack(&views, 6, 1);
-        let fused = Stereo::of_views(&names, &views, &grid, &hull, 64, &Cancellation::default()).unwrap().fused;
+        let fused =
+            Stereo::of_views(&names, &views, &grid, &hull, 64, &mut Accelerator::default(), &Cancellation::default())
+                .unwrap()
+                .fused;
         // The bowl's axis is y, turned like this; its rim is at .18, its floor between -.18 and -.1.
         let turn = Quat::from_euler(EulerRot::XYZ, 0.5, 0.3, 0.2);
         [0.06, -0.15].map(|height| {

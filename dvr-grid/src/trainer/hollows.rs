@@ -1,8 +1,10 @@
 //! Which hollows the start is carved with, and from which stage on: a first stage is trained for a look.
 
+use burn::tensor::Device;
 use dvr_core::{Cancellation, View};
 
 use super::GridTrainer;
+use crate::accelerator::Accelerator;
 use crate::color_trust::differences_by;
 use crate::config::{Capacity, GridConfig};
 use crate::error::Result;
@@ -62,6 +64,7 @@ impl<'a> GridTrainer<'a> {
         train: &[&'a View],
         config: &GridConfig,
         refinement: Refinement,
+        device: Option<&Device>,
         cancellation: &Cancellation,
     ) -> Result<(Refinement, Option<String>)> {
         let look = GridConfig {
@@ -70,7 +73,8 @@ impl<'a> GridTrainer<'a> {
             steps: config.steps.min(STEPS),
             ..config.clone()
         };
-        let mut trainer = Self::begin(train.to_vec(), Vec::new(), look, refinement, Vec::new(), cancellation)?;
+        let device = Accelerator::new(device).gpu();
+        let mut trainer = Self::begin(train.to_vec(), Vec::new(), look, refinement, Vec::new(), device, cancellation)?;
         while !trainer.finished {
             cancellation.check()?;
             trainer.step()?;

@@ -87,7 +87,7 @@ mod tests {
             let (plain, changed) = (photographs(|level, _, _| level), photographs(changed));
             let plain: Vec<&View> = plain.iter().collect();
             let masks = mask_distances(&plain, &Cancellation::default()).unwrap();
-            let mut refinement = Refinement::new(masks, &plain, &config, &Cancellation::default()).unwrap();
+            let mut refinement = Refinement::new(masks, &plain, &config, None, &Cancellation::default()).unwrap();
             assert!(refinement.has_stereo());
             let changed: Vec<&View> = changed.iter().collect();
             let note = GridTrainer::judge_stereo(&changed, &config, &mut refinement).unwrap();

@@ -102,7 +102,7 @@ fn hollows_that_wait_open_at_their_stage_and_a_run_goes_on_from_any_step() {
     let refinement = || {
         let masks = mask_distances(&views, &cancellation).unwrap();
         // Too few views for stereo and a sweep.
-        let whole = || Refinement::new(masks.clone(), &views[..2], &config, &cancellation).unwrap();
+        let whole = || Refinement::new(masks.clone(), &views[..2], &config, None, &cancellation).unwrap();
         let fine = GridConfig { first_cells: 32, ..config.clone() };
         let surface = whole().hollowed(&config, is_bore).first(&fine).unwrap();
         let mut late = whole().hollowed(&config, |at| is_bore(at) || is_hole(at));
@@ -125,6 +125,7 @@ fn hollows_that_wait_open_at_their_stage_and_a_run_goes_on_from_any_step() {
             config.clone(),
             refinement(),
             Vec::new(),
+            None,
             &cancellation,
         )
         .unwrap()

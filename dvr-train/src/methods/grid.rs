@@ -86,7 +86,7 @@ impl Method for GridMethod {
         }
         start.observer.phase("measuring the masks", 1);
         let Start { train, validation, device, cancellation, .. } = start;
-        Ok(Box::new(GridTrainer::start(train, validation, self.config.clone(), cancellation)?.on(&device)?))
+        Ok(Box::new(GridTrainer::start_on(&device, train, validation, self.config.clone(), cancellation)?))
     }
 
     fn load(&self, model: &[u8], device: &Device) -> Result<Box<dyn TrainedModel>> {

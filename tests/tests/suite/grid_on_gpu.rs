@@ -5,9 +5,9 @@
 use std::sync::OnceLock;
 
 use burn::tensor::Device;
-use dvr_core::ViewSplit;
 use dvr_core::mesh::shapes;
 use dvr_core::voxel::VoxelGrid;
+use dvr_core::{Cancellation, ViewSplit};
 use dvr_core::{Ray, Scene};
 use dvr_grid::{Capacity, GridConfig, GridTrainer, TrainerState};
 use dvr_grid::{GpuGridField, GridField, GridValues};
@@ -39,7 +39,7 @@ fn trainer(device: &Device, seed: u64, steps: usize) -> GridTrainer<'static> {
         ..GridConfig::default()
     };
     let views = ViewSplit::of(ring()).unwrap();
-    GridTrainer::new(views.train, views.validation, config).unwrap().on(device).unwrap()
+    GridTrainer::start_on(device, views.train, views.validation, config, &Cancellation::default()).unwrap()
 }
 
 /// PSNR and silhouettes of validation views, and the loss, after training.

@@ -8,7 +8,7 @@ use super::stage::Stage;
 use super::{gather, rays};
 use crate::color;
 use crate::gpu::launch::{groups, units};
-use crate::gpu::views::ViewRecord;
+use crate::gpu::views::{ViewRecord, table};
 use crate::losses::LossSums;
 use crate::multires::Grids;
 use crate::step::backend::{COLOR_REST, StepInput};
@@ -264,14 +264,4 @@ fn records_of(words: &[u32]) -> &[RayRecord] {
 fn part_steps(count: usize) -> f32 {
     let bits = 30u32.saturating_sub(count.next_power_of_two().ilog2()).min(20);
     (1u32 << bits) as f32
-}
-
-/// The table of views, whose pixels lie one view after the other.
-fn table(buffers: &Buffers, mut views: Vec<ViewRecord>) -> Result<Buffer, DeviceError> {
-    let mut first_pixel = 0u32;
-    for view in &mut views {
-        view.first_pixel = first_pixel;
-        first_pixel += view.width * view.height;
-    }
-    buffers.words("the table of views", bytemuck::cast_slice(&views).to_vec())
 }

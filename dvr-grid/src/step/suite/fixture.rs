@@ -9,6 +9,7 @@ use dvr_render::SlopeRule;
 use glam::DVec3;
 use image::{GrayImage, Rgb, RgbImage};
 
+use crate::accelerator::Accelerator;
 use crate::active::ActiveNodes;
 use crate::bricks::near_refined_surface;
 use crate::clock::PartTimes;
@@ -17,7 +18,7 @@ use crate::config::GridConfig;
 use crate::losses::GridLosses;
 use crate::multires::{ColorGrid, Grids, ShapeGrid};
 use crate::pixel_order::{PixelOrder, mix};
-use crate::start::hull_start;
+use crate::start::{MaskDistances, hull_start};
 use crate::step::backend::StepInput;
 use crate::views::TrainingView;
 
@@ -152,7 +153,8 @@ impl Fixture {
         };
         let grids = |masks: &[MaskDistance]| {
             let grid = VoxelGrid::new(33, 0.55);
-            let (mut base, active) = hull_start(masks, &grid, 0, None, None, &Cancellation::default()).unwrap();
+            let masks = MaskDistances::new(masks.to_vec(), &mut Accelerator::default()).unwrap();
+            let (mut base, active) = hull_start(&masks, &grid, 0, None, None, &Cancellation::default()).unwrap();
             for node in active.iter() {
                 base[node] += noise * grid.spacing() * (mix(node as u64) as f32 / u64::MAX as f32 - 0.5);
             }
