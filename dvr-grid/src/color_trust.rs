@@ -34,7 +34,7 @@ pub(crate) const EVERY: usize = 50;
 
 /// Pixels to all sides of one among which views may show a colour: while the surface is still learned, texture is a
 /// pixel or more from where it should be, and that is no change of light.
-const AROUND: u32 = 1;
+pub(crate) const AROUND: u32 = 1;
 
 /// Mean gap between the ranges of colours, summed over three channels in `[0, 1]`, up to which views agree with a pixel.
 const AGREES: f32 = 0.005;
@@ -74,12 +74,22 @@ impl Agreement {
         self.between(SHARES_OF_SHINE)
     }
 
+    /// By how far views differ at the hits of pixels; in full where there is little to compare.
+    pub fn of(differences: impl Iterator<Item = f32>) -> Self {
+        let found: Vec<f32> = differences.collect();
+        if found.len() < FEWEST {
+            return Self::FULL;
+        }
+        let agreeing = found.iter().filter(|&&difference| difference < AGREES).count();
+        Self(agreeing as f64 / found.len() as f64)
+    }
+
     fn between(self, [from, to]: [f64; 2]) -> f64 {
         ((self.0 - from) / (to - from)).clamp(0.0, 1.0)
     }
 }
 
-/// How far views agree: by the pixels that come after `rays_drawn`. In full where there is little to compare.
+/// How far views agree: by the pixels that come after `rays_drawn`.
 pub(crate) fn agreement(
     shape: &BrickValues<1>,
     views: &[TrainingView],
@@ -87,12 +97,13 @@ pub(crate) fn agreement(
     config: &GridConfig,
     rays_drawn: u64,
 ) -> Agreement {
-    let found = differences(shape, views, order, config, rays_drawn..rays_drawn + PIXELS);
-    if found.len() < FEWEST {
-        return Agreement::FULL;
-    }
-    let agreeing = found.iter().filter(|(_, difference)| *difference < AGREES).count();
-    Agreement(agreeing as f64 / found.len() as f64)
+    let found = differences(shape, views, order, config, asked(rays_drawn));
+    Agreement::of(found.into_iter().map(|(_, difference)| difference))
+}
+
+/// The rays that a measurement asks.
+pub(crate) fn asked(rays_drawn: u64) -> Range<u64> {
+    rays_drawn..rays_drawn + PIXELS
 }
 
 /// The mean difference in colour between views, summed over the channels, of the points of a surface that `is_asked` says, and

@@ -12,7 +12,7 @@ use dvr_render::{SlopeRule, ViewMetrics, view_metrics, view_metrics_at_own_expos
 use rayon::prelude::*;
 
 use crate::clock::PartTimes;
-use crate::color_trust::{self, Agreement, agreement};
+use crate::color_trust::{self, Agreement};
 use crate::config::{ColorTrust, DisagreeingViews, ExposureCorrection, GridConfig};
 use crate::error::{Error, Result};
 use crate::exposure;
@@ -251,9 +251,8 @@ impl<'a> GridTrainer<'a> {
             && self.step > 0
             && within.is_multiple_of(color_trust::EVERY)
         {
-            let shape = self.backend.shape_values()?;
             let PyramidLevel { views, order, .. } = &self.photographs;
-            let agreement = agreement(&shape, views, order, &self.config, self.rays_drawn);
+            let agreement = self.backend.agreement(views, order, &self.config, self.rays_drawn)?;
             self.trust_colors(agreement);
         }
         let (decay, warm_up) = (self.decay(), self.warm_up());

@@ -6,6 +6,7 @@ use dvr_render::SlopeRule;
 
 use crate::bricks::BrickValues;
 use crate::clock::PartTimes;
+use crate::color_trust::{Agreement, agreement};
 use crate::config::GridConfig;
 use crate::error::Result;
 use crate::losses::LossSums;
@@ -96,6 +97,20 @@ pub(crate) trait StepBackend: Send {
     /// # Errors
     /// When the device fails.
     fn shape_values(&self) -> Result<Cow<'_, BrickValues<1>>>;
+
+    /// How far views agree on the colours of the shape as it is, by the pixels that come after `rays_drawn`.
+    ///
+    /// # Errors
+    /// When the device fails.
+    fn agreement(
+        &self,
+        views: &[TrainingView],
+        order: &PixelOrder,
+        config: &GridConfig,
+        rays_drawn: u64,
+    ) -> Result<Agreement> {
+        Ok(agreement(&*self.shape_values()?, views, order, config, rays_drawn))
+    }
 
     /// Parameters of the grids: does not wait for a device.
     fn parameters(&self) -> usize;

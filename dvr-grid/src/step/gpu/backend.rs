@@ -4,6 +4,7 @@
 //! once. It is waited for where its losses are asked for, and where the grids are.
 
 use std::borrow::Cow;
+use std::ops::Range;
 use std::time::Instant;
 
 use burn::tensor::Device;
@@ -12,11 +13,13 @@ use rayon::prelude::*;
 use super::kernels::{Kernels, Photographs};
 use crate::bricks::BrickValues;
 use crate::clock::Part;
+use crate::color_trust::{Agreement, asked};
 use crate::config::GridConfig;
 use crate::error::{Error, Result};
 use crate::gpu::launch::NONE;
 use crate::losses::LossSums;
 use crate::multires::Grids;
+use crate::pixel_order::PixelOrder;
 use crate::step::backend::{REPORT_EVERY, StepBackend, StepInput};
 use crate::step::draw::{compared, draw};
 use crate::views::TrainingView;
@@ -49,15 +52,8 @@ impl GpuBackend {
         let (rays, from) = (input.config.rays as u64, input.rays_drawn);
         if from < self.drawn[0] || from + rays > self.drawn[1] {
             self.drawn = [from, from + rays * REPORT_EVERY as u64];
-            let (order, views, count) = (input.order, input.views, input.config.compared_views);
-            let seed = input.config.seed;
-            let picks = (from..self.drawn[1]).into_par_iter().flat_map_iter(|ray| {
-                let drawn = draw(order, seed, ray);
-                let neighbours = &views[drawn.view as usize].neighbours;
-                let others = compared(neighbours, count, drawn.seed).chain(std::iter::repeat(NONE)).take(count);
-                [drawn.view, drawn.pixel].into_iter().chain(others)
-            });
-            self.kernels.draw(picks.collect(), count)?;
+            let picks = picks(input.order, input.views, input.config, self.drawn[0]..self.drawn[1]);
+            self.kernels.draw(picks, input.config.compared_views)?;
         }
         Ok((from - self.drawn[0]) as usize)
     }
@@ -116,9 +112,32 @@ impl StepBackend for GpuBackend {
         Ok(Cow::Owned(shape.values().with_active(shape.active(), &self.kernels.shape_values()?)))
     }
 
+    fn agreement(
+        &self,
+        views: &[TrainingView],
+        order: &PixelOrder,
+        config: &GridConfig,
+        rays_drawn: u64,
+    ) -> Result<Agreement> {
+        let picks = picks(order, views, config, asked(rays_drawn));
+        Ok(Agreement::of(self.kernels.differences(picks, config.compared_views)?))
+    }
+
     fn parameters(&self) -> usize {
         self.uploaded.parameters()
     }
+}
+
+/// Rays with these numbers, as kernels read them: view, pixel, other views to compare with.
+fn picks(order: &PixelOrder, views: &[TrainingView], config: &GridConfig, rays: Range<u64>) -> Vec<u32> {
+    let count = config.compared_views;
+    let pick = |ray| {
+        let drawn = draw(order, config.seed, ray);
+        let neighbours = &views[drawn.view as usize].neighbours;
+        let others = compared(neighbours, count, drawn.seed).chain(std::iter::repeat(NONE)).take(count);
+        [drawn.view, drawn.pixel].into_iter().chain(others)
+    };
+    rays.into_par_iter().flat_map_iter(pick).collect()
 }
 
 /// Views as kernels read them.

@@ -5,7 +5,7 @@ use dvr_gpu::{Buffer, Buffers, DeviceError};
 
 use super::slope_rule::SlopeRuleArgsLaunch;
 use super::stage::Stage;
-use super::{gather, rays};
+use super::{agreement, gather, rays};
 use crate::color;
 use crate::gpu::launch::{groups, units};
 use crate::gpu::views::{ViewRecord, table};
@@ -220,6 +220,34 @@ impl Kernels {
     pub fn shape_values(&self) -> Result<Vec<f32>, DeviceError> {
         let Some(stage) = &self.stage else { return Ok(Vec::new()) };
         stage.shape.values(&self.buffers)
+    }
+
+    /// How far other views differ in colour at the hits of rays, of those that have any to compare: see [`agreement::differences`], also on
+    /// `picks`.
+    ///
+    /// # Errors
+    /// When the device fails, or has no room.
+    pub fn differences(&self, picks: Vec<u32>, compared: usize) -> Result<impl Iterator<Item = f32>, DeviceError> {
+        let (client, count) = (&self.buffers.client, picks.len() / (2 + compared));
+        let found = self.buffers.zero_floats("differences of views", count)?;
+        if let Some(stage) = &self.stage {
+            agreement::differences::launch(
+                client,
+                groups(client, count),
+                units(),
+                self.buffers.words("rays", picks)?.into_buffer_arg(),
+                self.views.clone().into_buffer_arg(),
+                self.pixels.clone().into_buffer_arg(),
+                stage.shape.finest().sums.clone().into_buffer_arg(),
+                stage.occupied.clone().into_buffer_arg(),
+                found.clone().into_buffer_arg(),
+                stage.region_arg(),
+                compared as u32,
+                count as u32,
+            );
+        }
+        let found = self.buffers.read(&[&found])?.remove(0).into_iter().map(f32::from_bits);
+        Ok(found.filter(|&difference| difference >= 0.0))
     }
 
     /// Parameters and moments of shape and colour, as `MultiResGrid::state` lays them out.

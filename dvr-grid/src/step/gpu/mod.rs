@@ -4,6 +4,7 @@
 //! only where its losses are asked for. Its results do not depend on the order in which work-items run: the same device
 //! gives the same bits.
 
+mod agreement;
 mod backend;
 mod gather;
 mod kernels;

@@ -1,6 +1,7 @@
 //! The GPU backend as the suite sees it, and what a device refuses.
 
 use burn::tensor::Device;
+use dvr_core::Exposure;
 use dvr_gpu::DeviceError;
 use dvr_test_support::test_with;
 
@@ -8,8 +9,10 @@ use super::fixture::Fixture;
 use super::{Inspected, Make, steps};
 use crate::clock::PartTimes;
 use crate::error::Error;
+use crate::losses::GridLosses;
 use crate::multires::Grids;
 use crate::step::backend::StepBackend;
+use crate::step::cpu::CpuBackend;
 use crate::step::gpu::GpuBackend;
 use crate::step::record::RayRecord;
 
@@ -72,4 +75,23 @@ fn rays_beyond_the_memory_are_refused_with_their_size_and_the_device_is_still_go
     let refused = backend.kernels_mut().reserve(1 << 40).map_err(|problem| problem.to_string());
     assert!(refused.is_err_and(|problem| problem.contains("MiB in one piece")));
     assert!(sums.is_some() && steps(&mut backend, &mut fixture, 1).is_some());
+}
+
+#[test_with(gpu)]
+fn views_agree_as_far_as_on_the_cpu() {
+    let device = gpu();
+    // Right, of a hull that closes a mouth, in changed light, with other views of which some see nothing.
+    for (radius, light) in [(0.3, 0.0), (0.4, 0.0), (0.3, 0.3), (0.29, 0.05)] {
+        let mut fixture = Fixture::speckled_ball(radius, GridLosses::default());
+        fixture.views[1].exposure = Exposure::from_logs([light; 3]);
+        let on_gpu = backend(&device, &fixture, fixture.grids.clone()).unwrap();
+        let on_cpu = CpuBackend::new(fixture.grids.clone());
+        let ask = |backend: &dyn StepBackend| {
+            backend.agreement(&fixture.views, &fixture.order, &fixture.config, fixture.rays_drawn).unwrap().0
+        };
+        let [found, expected] = [ask(&on_gpu), ask(&on_cpu)];
+        println!("radius {radius}, light {light}: {found:.4}, on the CPU {expected:.4}");
+        assert!((found - expected).abs() < 2e-3, "radius {radius}, light {light}: {found}, on the CPU {expected}");
+        assert_eq!(on_gpu.kernels().reads(), 1, "what is found, and nothing of the shape");
+    }
 }
