@@ -62,7 +62,10 @@ impl Tiny {
     /// `dvr train` with a network that is small enough for a test, with more arguments.
     pub fn train(&self, out: &str, more: &[&str]) -> Output {
         let (scene, out) = (self.scene(), self.path(out));
-        let mut args = vec!["train", text(&scene), "--out", text(&out), "--steps", "24", "--resolution", "32"];
+        let mut args = vec!["train", text(&scene), "--out", text(&out), "--resolution", "32"];
+        if !more.contains(&"--steps") {
+            args.extend(["--steps", "24"]);
+        }
         args.extend(SMALL);
         args.extend(more);
         dvr(&args)
