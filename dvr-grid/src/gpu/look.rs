@@ -16,12 +16,6 @@ pub const RAY_COLUMNS: usize = 6;
 /// Numbers of what a ray sees: ray depth, below zero where it sees nothing, colour and outward normal.
 pub const SHADED_COLUMNS: usize = 7;
 
-/// Three numbers side by side, as a point.
-#[cube]
-fn point(numbers: &[f32], at: usize) -> Point {
-    Point::new(numbers[at], numbers[at + 1], numbers[at + 2])
-}
-
 /// Writes a point's coordinates side by side.
 #[cube]
 fn write(point: &Point, numbers: &mut [f32], at: usize) {
@@ -52,8 +46,8 @@ pub(crate) fn shade(
 ) {
     let ray = ABSOLUTE_POS;
     if ray < count as usize {
-        let origin = point(rays, ray * RAY_COLUMNS);
-        let direction = point(rays, ray * RAY_COLUMNS + 3);
+        let origin = Point::read(rays, ray * RAY_COLUMNS);
+        let direction = Point::read(rays, ray * RAY_COLUMNS + 3);
         let at = ray * SHADED_COLUMNS;
         let depth = first_crossing(values, marks, &region, &origin, &direction, 0.0f32, f32::new(FAR));
         shaded[at] = depth;
@@ -81,7 +75,7 @@ pub(crate) fn values_at(
 ) {
     let index = ABSOLUTE_POS;
     if index < count as usize {
-        let slope = grid(nodes, half_extent).slope(values, &point(points, index * 3));
+        let slope = grid(nodes, half_extent).slope(values, &Point::read(points, index * 3));
         if comptime!(slopes) {
             write(&slope.gradient, found, index * 3);
         } else {
@@ -95,8 +89,8 @@ pub(crate) fn values_at(
 pub(crate) fn colors_at(points: &[f32], colors: &[f32], found: &mut [f32], nodes: u32, half_extent: f32, count: u32) {
     let index = ABSOLUTE_POS;
     if index < count as usize {
-        let place = point(points, index * RAY_COLUMNS);
-        let viewing = point(points, index * RAY_COLUMNS + 3);
+        let place = Point::read(points, index * RAY_COLUMNS);
+        let viewing = Point::read(points, index * RAY_COLUMNS + 3);
         write(&color_at(colors, &grid(nodes, half_extent), &place, &viewing), found, index * 3);
     }
 }

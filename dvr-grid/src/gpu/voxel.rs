@@ -19,6 +19,11 @@ impl Point {
         Point { x, y, z }
     }
 
+    /// Three numbers side by side.
+    pub fn read(numbers: &[f32], at: usize) -> Point {
+        Point::new(numbers[at], numbers[at + 1], numbers[at + 2])
+    }
+
     /// The same again: a kernel moves what it is given by value.
     pub fn copied(&self) -> Point {
         Point::new(self.x, self.y, self.z)

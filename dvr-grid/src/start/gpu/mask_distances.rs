@@ -119,12 +119,6 @@ impl GpuMasks {
     }
 }
 
-/// Three numbers side by side, as a point.
-#[cube]
-fn point(numbers: &[f32], at: usize) -> Point {
-    Point::new(numbers[at], numbers[at + 1], numbers[at + 2])
-}
-
 /// Bilinear between cell centres, constant beyond the outermost.
 #[cube]
 fn sample(cells: &[f32], first: u32, width: u32, height: u32, x: f32, y: f32) -> f32 {
@@ -179,11 +173,11 @@ fn hull(
         let mut mask = 0u32;
         while mask < masks && least[rank] > -REACH {
             let of_mask = mask as usize * NUMBERS;
-            let q = point(numbers, of_mask)
+            let q = Point::read(numbers, of_mask)
                 .times(at.x)
-                .plus(&point(numbers, of_mask + 3).times(at.y))
-                .plus(&point(numbers, of_mask + 6).times(at.z))
-                .plus(&point(numbers, of_mask + 9));
+                .plus(&Point::read(numbers, of_mask + 3).times(at.y))
+                .plus(&Point::read(numbers, of_mask + 6).times(at.z))
+                .plus(&Point::read(numbers, of_mask + 9));
             let sizes = mask as usize * WORDS;
             let (width, height) = (words[sizes], words[sizes + 1]);
             let (u, v) = (q.x / q.z, q.y / q.z);

@@ -185,11 +185,12 @@ fn seen_at(
     variance
 }
 
-/// Whether a point at a depth of a ray lies in the hull.
+/// Whether the point at a depth of a ray lies in the hull.
 #[cube]
-fn is_inside(values: &[f32], grid: &Grid, point: &Point, depth: f32) -> bool {
+fn is_inside(values: &[f32], grid: &Grid, origin: &Point, direction: &Point, depth: f32) -> bool {
+    let point = origin.along(direction, depth);
     let farthest = point.x.abs().max(point.y.abs()).max(point.z.abs());
-    depth > 0.0f32 && farthest < grid.half_extent && grid.slope(values, point).value > 0.0f32
+    depth > 0.0f32 && farthest < grid.half_extent && grid.slope(values, &point).value > 0.0f32
 }
 
 /// Looks at `count` pixels, a work-item each. `steps` candidates of depth lie between the corners of the cube.
@@ -221,13 +222,13 @@ fn look(
         // Where the ray enters the hull, and leaves it again.
         let mut enters = 0usize;
         while enters < steps
-            && !is_inside_at(values, &grid, &origin, &direction, from + f32::cast_from(enters as u32) * step)
+            && !is_inside(values, &grid, &origin, &direction, from + f32::cast_from(enters as u32) * step)
         {
             enters += 1;
         }
         let mut leaves = enters;
         while leaves < steps
-            && is_inside_at(values, &grid, &origin, &direction, from + f32::cast_from(leaves as u32) * step)
+            && is_inside(values, &grid, &origin, &direction, from + f32::cast_from(leaves as u32) * step)
         {
             leaves += 1;
         }
@@ -284,12 +285,6 @@ fn look(
         found[pick * comptime!(FOUND)] = select(enters < steps, near, f32::new(-1.0));
         found[pick * comptime!(FOUND) + 1] = depth;
     }
-}
-
-/// The same at a depth of a ray.
-#[cube]
-fn is_inside_at(values: &[f32], grid: &Grid, origin: &Point, direction: &Point, depth: f32) -> bool {
-    is_inside(values, grid, &origin.along(direction, depth), depth)
 }
 
 #[cfg(test)]

@@ -59,8 +59,8 @@ fn gap(low: f32, high: f32, low_other: f32, high_other: f32) -> f32 {
     (low - high_other).max(low_other - high).max(0.0f32)
 }
 
-/// How far other views differ in colour from `count` pixels at their hits: the mean, summed over the channels; [`NOTHING`] where no view sees
-/// a hit. `picks` has for each its view, its pixel, then `compared` other views.
+/// How far other views differ in colour from `count` pixels at their hits: the mean, summed over the channels;
+/// [`NOTHING`] where no view sees a hit. `picks` has for each its view, its pixel, then `compared` other views.
 #[cube(launch)]
 pub(crate) fn differences(
     picks: &[u32],

@@ -49,7 +49,8 @@ pub(in super::super) fn depth_maps(
     let map = |(view, layout): (usize, &Option<VolumeLayout>)| {
         let picture = &pictures[view];
         let mut map = DepthMap::unknown(picture.width * picture.height);
-        let Some((layout, found)) = layout.as_ref().zip(layout.as_ref().and_then(|_| found.next())) else { return map };
+        let Some(layout) = layout else { return map };
+        let found = found.next().unwrap_or_default();
         for (pixel, &[depth, confidence]) in found.as_chunks::<FOUND>().0.iter().enumerate() {
             let [depth, confidence] = [depth, confidence].map(f32::from_bits);
             if depth > 0.0 {

@@ -86,19 +86,14 @@ struct Carried {
 }
 
 #[cube]
-fn point(numbers: &[f32], at: usize) -> Point {
-    Point::new(numbers[at], numbers[at + 1], numbers[at + 2])
-}
-
-#[cube]
 impl Carried {
     fn read(numbers: &[f32], index: usize) -> Carried {
         let at = index * CARRIED;
         Carried {
-            base: point(numbers, at),
-            by_column: point(numbers, at + 3),
-            by_row: point(numbers, at + 6),
-            by_one: point(numbers, at + 9),
+            base: Point::read(numbers, at),
+            by_column: Point::read(numbers, at + 3),
+            by_row: Point::read(numbers, at + 6),
+            by_one: Point::read(numbers, at + 9),
         }
     }
 
@@ -198,8 +193,8 @@ fn correlation(rows: &[f32], unit: usize) -> f32 {
 
 /// Writes what depths cost: one less the mean of the two best correlations with neighbours.
 ///
-/// `tiles` is what [`tiles`] says, for `count` groups; `carried` what [`carried`] says of each neighbour; `ranges` has the first and one past the last depth of each pixel of the part, `starts` where its
-/// costs begin.
+/// `tiles` is what [`tiles`] says, for `count` groups; `carried` what [`carried`] says of each neighbour; `ranges` has the
+/// first and one past the last depth of each pixel of the part, `starts` where its costs begin.
 #[cube(launch)]
 pub(super) fn match_tiles(
     tiles: &[u32],
