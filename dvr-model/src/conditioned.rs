@@ -7,13 +7,13 @@ use dvr_render::{Crossing, Differentiable, Field, FieldJet, FieldValues, Query, 
 #[cfg(feature = "gpu")]
 use dvr_render::{MarchSettings, Marcher};
 
+use crate::aligned_features::AlignedFeatures;
 use crate::decoder::Decoder;
 use crate::decoder_at_points::decoder_at_points;
 use crate::fused::{FusedDecoder, snapshots};
 #[cfg(feature = "gpu")]
 use crate::gpu_march::KernelMarcher;
 use crate::host_function::is_on_host;
-use crate::image_model::AlignedFeatures;
 
 impl Decoder {
     /// The field of objects with latent codes, `[objects, code_dim]`: a [`Query`]'s object index picks the row.
@@ -60,13 +60,14 @@ impl Conditioned {
         }
     }
 
-    /// [`Field::occupancy_logit`] for training by many points: on the CPU in less time, and the same but for rounding. Not for
+    /// [`Field::occupancy_logit`] for training by many points, which are constants: on the CPU in less time, and the same but for rounding. Not for
     /// differences of logits over small steps, which multiply rounding.
     pub fn occupancy_logit_of_points(&self, query: &Query) -> Tensor<1> {
-        if self.aligned.is_some() || !is_on_host(&self.decoder.fc_p.weight.val()) {
+        if !is_on_host(&self.decoder.fc_p.weight.val()) {
             return self.occupancy_logit(query);
         }
-        let outputs = decoder_at_points(&self.decoder, query.points.clone(), &self.conditions, query.object.as_ref());
+        let (object, aligned) = (query.object.as_ref(), self.aligned.as_ref());
+        let outputs = decoder_at_points(&self.decoder, query.points.clone(), &self.conditions, object, aligned);
         outputs.narrow(1, 0, 1).squeeze_dim(1)
     }
 
@@ -143,12 +144,14 @@ impl Crossing for Conditioned {
     }
 
     fn snapshots(&self) -> Vec<Snapshot> {
-        // The fused tiles know the codes alone.
-        if self.aligned.is_some() || !FusedDecoder::suits(&self.decoder.fc_p.weight.val()) {
+        if !FusedDecoder::suits(&self.decoder.fc_p.weight.val()) {
             return Vec::new();
         }
-        let fused = FusedDecoder::new(&self.decoder);
-        snapshots(if self.conditions.is_empty() { vec![fused] } else { fused.with_conditions(&self.conditions) })
+        let fused = FusedDecoder::with_inputs(&self.decoder, self.aligned.as_ref());
+        let decoders = if self.conditions.is_empty() { vec![fused] } else { fused.with_conditions(&self.conditions) };
+        let Some(aligned) = &self.aligned else { return snapshots(decoders) };
+        let of_pictures = decoders.into_iter().zip(aligned.picture_planes());
+        snapshots(of_pictures.map(|(decoder, plane)| decoder.with_picture(plane)).collect())
     }
 }
 

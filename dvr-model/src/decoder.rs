@@ -8,8 +8,8 @@ use burn::tensor::{Device, Int, Tensor};
 use dvr_core::number_range::{NumberRange, whole};
 use dvr_render::gather_rows;
 
+use crate::aligned_features::AlignedFeatures;
 use crate::encoding;
-use crate::image_model::AlignedFeatures;
 
 /// Configuration of a [`Decoder`]. The defaults are those of DVR's reference code, but for the width.
 #[derive(Config, Debug, PartialEq)]

@@ -1,13 +1,17 @@
 //! The decoder without gradients, off the tensors: tiles of points through all layers at once.
 
-use crate::mlp::{LinearWeights, ResidualMlp};
+use std::sync::Arc;
+
 use burn::nn::Linear;
 use burn::tensor::{DType, Device, Tensor};
 use dvr_render::Snapshot;
 use dvr_render::extract::ScalarField;
 use glam::Vec3;
 
+use crate::aligned_features::AlignedFeatures;
 use crate::decoder::{Decoder, LEAK};
+use crate::mlp::{LinearWeights, ResidualMlp};
+use crate::pixel_aligned::PicturePlane;
 
 /// A decoder as it was when this was made, for one latent code.
 #[derive(Clone, Debug)]
@@ -18,6 +22,12 @@ pub struct FusedDecoder {
 impl FusedDecoder {
     /// Packs the parameters of a decoder without codes.
     pub fn new(decoder: &Decoder) -> Self {
+        Self::with_inputs(decoder, None)
+    }
+
+    /// The same of a decoder whose first layer takes features of a picture too: they are 0 until [`FusedDecoder::with_picture`]
+    /// says what they are.
+    pub(crate) fn with_inputs(decoder: &Decoder, aligned: Option<&AlignedFeatures>) -> Self {
         let layer = |linear: &Linear| {
             let weight: Vec<f32> = linear.weight.val().into_data().iter::<f32>().collect();
             let bias = linear.bias.as_ref().map_or_else(
@@ -26,7 +36,10 @@ impl FusedDecoder {
             );
             (weight, bias)
         };
-        let input = layer(&decoder.fc_p);
+        let mut input = layer(&decoder.fc_p);
+        input
+            .0
+            .extend(aligned.iter().flat_map(|aligned| aligned.weights().into_data().iter::<f32>().collect::<Vec<_>>()));
         let blocks: Vec<_> = decoder.blocks.iter().map(|block| [layer(&block.fc_0), layer(&block.fc_1)]).collect();
         let output = layer(&decoder.fc_out);
         let blocks: Vec<_> = blocks.iter().map(|block| block.each_ref().map(weights)).collect();
@@ -44,6 +57,11 @@ impl FusedDecoder {
             rows.iter().map(|rows| &rows[object * width..(object + 1) * width]).collect()
         };
         (0..objects).map(|object| Self { network: self.network.conditioned(&of_object(object)) }).collect()
+    }
+
+    /// The same for an object that this picture shows.
+    pub(crate) fn with_picture(self, plane: PicturePlane) -> Self {
+        Self { network: self.network.with_features(Arc::new(plane)) }
     }
 
     /// Whether a parameter is a number that the CPU computes with in single precision.

@@ -7,10 +7,10 @@ use dvr_core::Camera;
 use dvr_core::number_range::{NumberRange, OutOfRange, check_config, nested};
 use serde::{Deserialize, Serialize};
 
+use crate::aligned_features::AlignedFeatures;
 use crate::conditioned::Conditioned;
 use crate::decoder::{Decoder, DecoderConfig};
 use crate::encoder::{Encoder, EncoderConfig};
-use crate::pixel_aligned::PixelAligned;
 
 /// Configuration of an [`ImageModel`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -50,12 +50,10 @@ impl ImageModelConfig {
 
     /// How many numbers the model has at least.
     pub fn parameters(&self) -> u64 {
-        let aligned = match self.encoder {
-            EncoderConfig::Local { channels, .. } => {
-                (channels as u64).saturating_add(3).saturating_mul(self.decoder.hidden as u64)
-            }
-            _ => 0,
-        };
+        let aligned = self
+            .encoder
+            .local_channels()
+            .map_or(0, |channels| (channels as u64).saturating_add(3).saturating_mul(self.decoder.hidden as u64));
         let encoder = self.encoder.parameters(self.decoder.code_dim);
         self.decoder.parameters().saturating_add(encoder).saturating_add(aligned)
     }
@@ -63,10 +61,8 @@ impl ImageModelConfig {
     /// A model with fresh parameters.
     pub fn init(&self, device: &Device) -> ImageModel {
         let encoder = self.encoder.init(self.decoder.code_dim, device);
-        let aligned = match &encoder {
-            Encoder::Local(local) => Some(AlignedLayer::new(local.channels(), self.decoder.hidden, device)),
-            Encoder::Resnet18(_) | Encoder::Convolutional(_) | Encoder::ConvolutionalBn(_) | Encoder::Codes(_) => None,
-        };
+        let aligned =
+            self.encoder.local_channels().map(|channels| AlignedLayer::new(channels, self.decoder.hidden, device));
         ImageModel { encoder, decoder: self.decoder.init(device), aligned }
     }
 }
@@ -127,70 +123,39 @@ impl ImageModel {
             return Seen { field: self.field(self.codes(images, objects)), camera_error: None };
         };
         let (aligned, codes, camera_error) = local.aligned(images, cameras);
-        let (weight, place) = (layer.features.weight.val(), layer.place.weight.val());
-        let aligned = AlignedFeatures { planes: aligned.map(|rows| rows.matmul(weight)), place };
+        let aligned =
+            AlignedFeatures { planes: aligned, features: layer.features.weight.val(), place: layer.place.weight.val() };
         Seen { field: self.field(codes).with_aligned(Some(aligned)), camera_error }
     }
 }
 
-/// What the decoder's first layer takes of the pictures of its objects.
-#[derive(Clone, Debug)]
-pub(crate) struct AlignedFeatures {
-    /// As many features as the layer has.
-    planes: PixelAligned,
-    /// Weights of the point in the camera's axes.
-    place: Tensor<2>,
-}
-
-impl AlignedFeatures {
-    /// What is added to the layer, `[n, hidden]`, at points `[n, 3]` of objects `[n]`, or of the first object.
-    pub fn at(&self, points: &Tensor<2>, object: Option<&Tensor<1, Int>>) -> Tensor<2> {
-        let object = object_of(points, object);
-        self.planes.at(points, &object) + self.planes.in_camera_axes(points, &object).matmul(self.place.clone())
-    }
-
-    /// The same, and its derivatives along directions `[n, 3]`.
-    pub fn tangents(
-        &self,
-        points: &Tensor<2>,
-        object: Option<&Tensor<1, Int>>,
-        directions: &[Tensor<2>],
-    ) -> (Tensor<2>, Vec<Tensor<2>>) {
-        let object = object_of(points, object);
-        let turned = |vectors: &Tensor<2>| self.planes.in_camera_axes(vectors, &object).matmul(self.place.clone());
-        let (features, along) = self.planes.tangents(points, &object, directions);
-        let along = along.into_iter().zip(directions).map(|(along, direction)| along + turned(direction));
-        (features + turned(points), along.collect())
-    }
-
-    /// The same off the graph.
-    pub fn inner(&self) -> Self {
-        Self { planes: self.planes.inner(), place: self.place.clone().inner() }
-    }
-}
-
-fn object_of(points: &Tensor<2>, object: Option<&Tensor<1, Int>>) -> Tensor<1, Int> {
-    object.cloned().unwrap_or_else(|| Tensor::zeros([points.dims()[0]], &points.device()))
-}
-
 #[cfg(test)]
 mod tests {
-    use burn::tensor::Distribution;
+    use burn::module::{ModuleVisitor, Param};
+    use burn::tensor::{Distribution, Gradients};
     use dvr_render::{Crossing, Differentiable, Field, Query};
-    use glam::DVec3;
+    use dvr_test_support::{largest, max_difference};
+    use glam::{DVec3, Vec3};
 
     use super::*;
 
-    fn local() -> (ImageModel, Tensor<4>, Vec<Camera>) {
-        let device = Device::flex();
-        let encoder = EncoderConfig::Local { image_size: 64, width: 2, channels: 4 };
+    const KINDS: [EncoderConfig; 2] = [
+        EncoderConfig::Local { image_size: 64, width: 2, channels: 4 },
+        EncoderConfig::LocalBn { image_size: 64, width: 2, channels: 4 },
+    ];
+
+    fn local(encoder: EncoderConfig) -> (ImageModel, Tensor<4>, Vec<Camera>) {
+        local_on(encoder, &Device::flex())
+    }
+
+    fn local_on(encoder: EncoderConfig, device: &Device) -> (ImageModel, Tensor<4>, Vec<Camera>) {
         let decoder = DecoderConfig::new().with_code_dim(6).with_hidden(16);
-        let mut model = ImageModelConfig { encoder, decoder }.init(&device);
+        let mut model = ImageModelConfig { encoder, decoder }.init(device);
         if let Some(layer) = &mut model.aligned {
             layer.features.weight =
                 layer.features.weight.clone().map(|weight| weight.random_like(Distribution::Normal(0.0, 0.3)));
         }
-        let images = Tensor::random([2, 3, 64, 64], Distribution::Uniform(0.0, 1.0), &device);
+        let images = Tensor::random([2, 3, 64, 64], Distribution::Uniform(0.0, 1.0), device);
         let cameras = [DVec3::new(0.3, 0.4, -2.0), DVec3::new(-1.5, 0.2, 1.0)]
             .map(|eye| Camera::look_at(64, 64, 60.0, eye, DVec3::ZERO, DVec3::Y));
         (model, images, cameras.to_vec())
@@ -207,7 +172,11 @@ mod tests {
 
     #[test]
     fn a_field_depends_on_the_picture_where_its_points_lie_in_it() {
-        let (model, images, cameras) = local();
+        KINDS.into_iter().for_each(depends_on_the_picture);
+    }
+
+    fn depends_on_the_picture(encoder: EncoderConfig) {
+        let (model, images, cameras) = local(encoder);
         let rows = || Tensor::from_ints([0, 0], &Device::flex());
         let seen = model.see(images.clone(), rows(), Some(&cameras));
         assert!(seen.camera_error.is_some_and(|error| error.into_scalar::<f32>() > 0.0));
@@ -218,12 +187,72 @@ mod tests {
         for other in [from_elsewhere, with_codes_alone, guessed.field] {
             assert!(logits(&seen.field) != logits(&other));
         }
-        assert!(seen.field.snapshots().is_empty(), "the fused tiles do not know the picture");
+    }
+
+    /// Gradients by all parameters that have one.
+    struct Collected<'a> {
+        gradients: &'a Gradients,
+        all: Vec<Vec<f32>>,
+    }
+
+    impl ModuleVisitor for Collected<'_> {
+        fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+            let gradient = param.val().grad(self.gradients);
+            self.all.extend(gradient.map(|gradient| gradient.into_data().iter::<f32>().collect::<Vec<_>>()));
+        }
+    }
+
+    #[test]
+    fn at_constant_points_gradients_are_those_of_burns_operations() {
+        let device = Device::flex().autodiff();
+        for encoder in KINDS {
+            let (model, images, cameras) = local_on(encoder, &device);
+            let query = query(&device);
+            let found = |logits: fn(&Conditioned, &Query) -> Tensor<1>| {
+                let field = model.see(images.clone(), Tensor::from_ints([0, 0], &device), Some(&cameras)).field;
+                let gradients = logits(&field, &query).square().sum().backward();
+                let mut collected = Collected { gradients: &gradients, all: Vec::new() };
+                model.visit(&mut collected);
+                collected.all
+            };
+            let expected = found(|field, query| field.occupancy_logit(query));
+            let by_hand = found(|field, query| field.occupancy_logit_of_points(query));
+            assert_eq!(by_hand.len(), expected.len());
+            for (i, (by_hand, expected)) in by_hand.iter().zip(&expected).enumerate() {
+                let size = largest(expected.iter().map(|value| value.abs()));
+                assert!(max_difference(by_hand, expected) <= 1e-4 * size, "{i}: {size}");
+            }
+        }
+    }
+
+    #[test]
+    fn off_the_tensors_and_at_constant_points_a_field_is_the_same() {
+        for encoder in KINDS {
+            let (model, images, cameras) = local(encoder);
+            let device = Device::flex();
+            let field = model.see(images, Tensor::from_ints([0, 0], &device), Some(&cameras)).field;
+            let query = query(&device);
+            let numbers = |tensor: Tensor<1>| tensor.into_data().iter::<f32>().collect::<Vec<_>>();
+            let expected = numbers(field.occupancy_logit(&query));
+            assert!(max_difference(&numbers(field.occupancy_logit_of_points(&query)), &expected) < 1e-5);
+            let gradients: Vec<f32> = field.occupancy_gradient(&query).into_data().iter::<f32>().collect();
+            let at: Vec<f32> = query.points.into_data().iter::<f32>().collect();
+            let snapshots = field.snapshots();
+            assert_eq!(snapshots.len(), 2);
+            for (point, object) in [0, 1, 0].into_iter().enumerate() {
+                let at = [Vec3::from_slice(&at[3 * point..])];
+                assert!(max_difference(&snapshots[object].logits(&at), &expected[point..=point]) < 1e-5);
+                let gradient = snapshots[object].gradients(&at).unwrap()[0].to_array();
+                let apart = max_difference(&gradient, &gradients[3 * point..][..3]);
+                assert!(apart < 1e-4 * largest(gradient.map(f32::abs)).max(1.0), "{apart}");
+            }
+        }
     }
 
     #[test]
     fn slopes_of_pixel_aligned_fields_are_those_of_differences() {
-        let (model, images, cameras) = local();
+        let [_, encoder] = KINDS;
+        let (model, images, cameras) = local(encoder);
         let device = Device::flex();
         let field = model.see(images, Tensor::from_ints([0, 0], &device), Some(&cameras)).field;
         let query = query(&device);

@@ -46,6 +46,7 @@
 
 #![warn(missing_docs)]
 
+mod aligned_features;
 mod conditioned;
 mod decoder;
 mod decoder_at_points;
@@ -71,7 +72,7 @@ mod tensors;
 pub use conditioned::Conditioned;
 pub use decoder::{Decoder, DecoderConfig, ResnetBlock};
 pub use encoder::{
-    BasicBlock, Codes, Convolutional, ConvolutionalBn, Encoder, EncoderConfig, Local, LocalFeatures,
+    BasicBlock, Codes, Convolutional, ConvolutionalBn, Convolutions, Encoder, EncoderConfig, Local, LocalFeatures,
     NormalisedConvolution, Resnet18, Resnet18Features,
 };
 pub use error::RecordError;

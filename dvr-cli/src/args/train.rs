@@ -94,9 +94,10 @@ pub struct TrainArgs {
     #[command(flatten)]
     pub objects: ObjectsArgs,
     /// What makes the latent code of a picture: `convolutional-bn` (small, with batch normalisation), `convolutional` (that of DVR's
-    /// reference code), `resnet18`; `local`, whose features a decoder also looks up where a point lies in the picture (as PIFu);
-    /// or `codes`, one for each training object, without pictures [default: that of the method]
-    #[arg(long, value_name = "KIND", value_parser = ["convolutional-bn", "convolutional", "resnet18", "local", "codes"], help_heading = "Datasets of objects")]
+    /// reference code), `resnet18`; `local-bn` and `local`, with batch normalisation and without, whose features a decoder also looks up
+    /// where a point lies in the picture (as PIFu); or `codes`, one for each training object, without pictures [default: that of the
+    /// method]
+    #[arg(long, value_name = "KIND", value_parser = ["convolutional-bn", "convolutional", "resnet18", "local-bn", "local", "codes"], help_heading = "Datasets of objects")]
     pub encoder: Option<String>,
     /// Initialise the encoder with a trained ResNet-18: torchvision's .pth, or a checkpoint of DVR's reference code
     #[arg(long, value_name = "FILE", help_heading = "Datasets of objects")]

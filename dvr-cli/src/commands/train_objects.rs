@@ -7,7 +7,6 @@ use anyhow::{Result, bail};
 use cpu_time::ProcessTime;
 use dvr_core::dataset::{ObjectDataset, ReadOptions};
 use dvr_core::{Cancellation, Split};
-use dvr_model::EncoderConfig;
 use dvr_report::SourceRun;
 use dvr_train::{
     Method, ObjectsMetrics, ObjectsTraining, RunFolder, Stop, finish_objects, resolved_for_dataset, train_objects,
@@ -41,10 +40,10 @@ pub fn run(
             let Some(path) = args.scene.clone() else { bail!("no dataset was given") };
             let mut options = args.objects.options(&args.reading);
             // Features are found by the camera of the picture.
-            options.inputs_are_views = matches!(training.encoder(), EncoderConfig::Local { .. });
+            options.inputs_are_views = training.encoder().local_channels().is_some();
             if options.inputs_are_views && options.inputs.is_some() {
                 bail!(
-                    "--inputs: the encoder of kind `local` sees the views, whose cameras are known; leave --inputs out"
+                    "--inputs: the encoders of kinds `local` and `local-bn` see the views, whose cameras are known; leave --inputs out"
                 );
             }
             (path, options)

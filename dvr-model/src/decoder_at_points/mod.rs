@@ -15,6 +15,7 @@ use burn::tensor::{Int, Tensor};
 use pulp::Arch;
 use rayon::prelude::*;
 
+use crate::aligned_features::AlignedFeatures;
 use crate::decoder::{Decoder, LEAK};
 use crate::encoding;
 use crate::host_function::{HostFunction, host_function};
@@ -30,15 +31,24 @@ const PARTS: usize = 8;
 /// Values of a point: the occupancy logit, and the colour before the sigmoid.
 const OUTPUTS: usize = 4;
 
-/// [`Decoder::outputs`] without features of pictures, `[n, 4]`; `object` picks the row of `conditions` for each point, and
-/// without it all have the first.
+/// [`Decoder::outputs`], `[n, 4]`, at points that are constants where there are features of pictures; `object` picks the row of
+/// `conditions` for each point, and without it all have the first.
 pub(crate) fn decoder_at_points(
     decoder: &Decoder,
     points: Tensor<2>,
     conditions: &[Tensor<2>],
     object: Option<&Tensor<1, Int>>,
+    aligned: Option<&AlignedFeatures>,
 ) -> Tensor<2> {
-    let features = encoding::encode(points, decoder.octaves);
+    let own = encoding::encode(points.clone(), decoder.octaves);
+    // What pictures have of a point is more inputs of the first layer.
+    let (features, input_weight) = match aligned {
+        Some(aligned) => (
+            Tensor::cat(vec![own, aligned.inputs(&points, object)], 1),
+            Tensor::cat(vec![decoder.fc_p.weight.val(), aligned.weights()], 0),
+        ),
+        None => (own, decoder.fc_p.weight.val()),
+    };
     let [count, per_point] = features.dims();
     let [objects, given] = conditions.first().map_or([0, 0], Tensor::dims);
     let layers = Layers {
@@ -59,9 +69,10 @@ pub(crate) fn decoder_at_points(
         .chain(decoder.blocks.iter().flat_map(|block| [&block.fc_0, &block.fc_1]))
         .chain([&decoder.fc_out]);
     let mut inputs: Vec<Tensor<1>> = Vec::new();
-    for linear in linears {
+    for (i, linear) in linears.enumerate() {
         let outputs = linear.weight.dims()[1];
-        inputs.push(linear.weight.val().flatten(0, 1));
+        let weight = if i == 0 { input_weight.clone() } else { linear.weight.val() };
+        inputs.push(weight.flatten(0, 1));
         inputs.push(match &linear.bias {
             Some(bias) => bias.val(),
             None => Tensor::zeros([outputs], &features.device()),

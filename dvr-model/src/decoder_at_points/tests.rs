@@ -73,8 +73,9 @@ fn values_and_gradients_are_those_of_burns_operations() {
         for points in [37, CHUNK * PARTS + 300] {
             let expected =
                 found(&decoder, points, |at, conditions, object| decoder.outputs(at, conditions, object, None));
-            let ours =
-                found(&decoder, points, |at, conditions, object| decoder_at_points(&decoder, at, conditions, object));
+            let ours = found(&decoder, points, |at, conditions, object| {
+                decoder_at_points(&decoder, at, conditions, object, None)
+            });
             assert_eq!(ours.len(), expected.len());
             for (i, (ours, expected)) in ours.iter().zip(&expected).enumerate() {
                 let size = largest(expected.iter().map(|x| x.abs()));
@@ -93,7 +94,7 @@ fn gradients_are_the_same_bits_whatever_the_threads() {
     let with = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
-            found(&decoder, 1500, |at, conditions, object| decoder_at_points(&decoder, at, conditions, object))
+            found(&decoder, 1500, |at, conditions, object| decoder_at_points(&decoder, at, conditions, object, None))
         })
     };
     assert!(with(1) == with(3));

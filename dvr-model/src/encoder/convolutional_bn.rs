@@ -40,19 +40,34 @@ impl ConvolutionalBn {
 
     /// Codes `[b, code_dim]` of images `[b, 3, height, width]`, sRGB in `[0, 1]`.
     pub fn forward(&self, images: Tensor<4>) -> Tensor<2> {
+        let last = self.layers.len().saturating_sub(1);
+        let map = self.maps(images, last).pop().expect("there are layers");
+        self.fc.forward(Self::places(map))
+    }
+
+    /// The maps of layer `first` and of all behind it, the finest first.
+    pub(super) fn maps(&self, images: Tensor<4>, first: usize) -> Vec<Tensor<4>> {
         let is_host = self.layers.iter().all(|layer| is_on_host(&layer.conv.weight.val()));
-        let net = if is_host && images.device().is_autodiff() {
-            let Normalised { map, statistics } = normalised_convolutions(images, &self.layers);
+        if is_host && images.device().is_autodiff() {
+            let Normalised { maps, statistics } = normalised_convolutions(images, &self.layers, first);
             for (layer, [mean, variance]) in self.layers.iter().zip(statistics) {
                 layer.remember(mean, variance);
             }
-            map
-        } else {
-            self.layers.iter().fold(images, |net, layer| layer.forward(net))
-        };
-        let [_, _, height, width] = net.dims();
-        let places = if [height, width] == [PLACES; 2] { net } else { adaptive_avg_pool2d(net, [PLACES; 2]) };
-        self.fc.forward(places.flatten(1, 3))
+            return maps;
+        }
+        let mut net = images;
+        let all = self.layers.iter().map(|layer| {
+            net = layer.forward(net.clone());
+            net.clone()
+        });
+        all.skip(first).collect()
+    }
+
+    /// What the code is made of: the averages of the last map in its quarters, `[b, 64 width]`.
+    pub(super) fn places(map: Tensor<4>) -> Tensor<2> {
+        let [_, _, height, width] = map.dims();
+        let places = if [height, width] == [PLACES; 2] { map } else { adaptive_avg_pool2d(map, [PLACES; 2]) };
+        places.flatten(1, 3)
     }
 }
 

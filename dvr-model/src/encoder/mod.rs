@@ -1,8 +1,10 @@
 //! From an image, or an object's number, to the latent code that conditions the decoder.
 
 mod codes;
+mod convolution;
 mod convolutional;
 mod convolutional_bn;
+mod convolved;
 mod local;
 mod normalised_convolutions;
 mod pooling;
@@ -18,7 +20,7 @@ use serde::{Deserialize, Serialize};
 pub use codes::Codes;
 pub use convolutional::Convolutional;
 pub use convolutional_bn::{ConvolutionalBn, NormalisedConvolution};
-pub use local::{Local, LocalFeatures};
+pub use local::{Convolutions, Local, LocalFeatures};
 pub use resnet18::{BasicBlock, Resnet18, Resnet18Features};
 
 /// Configuration of an [`Encoder`]; in JSON its `kind` says which, and what is left out has its default.
@@ -51,6 +53,18 @@ pub enum EncoderConfig {
     },
     /// The convolutional one, whose features a decoder finds where a point lies in the picture, see [`Local`].
     Local {
+        /// Side that images are resized to, pixels.
+        #[serde(default = "small_image_size")]
+        image_size: usize,
+        /// Channels of the first layer; each further layer has twice as many.
+        #[serde(default = "width")]
+        width: usize,
+        /// Features of a place in the picture.
+        #[serde(default = "channels")]
+        channels: usize,
+    },
+    /// The same with batch normalisation.
+    LocalBn {
         /// Side that images are resized to, pixels.
         #[serde(default = "small_image_size")]
         image_size: usize,
@@ -112,8 +126,19 @@ impl EncoderConfig {
             Self::Resnet18 { image_size }
             | Self::Convolutional { image_size, .. }
             | Self::ConvolutionalBn { image_size, .. }
-            | Self::Local { image_size, .. } => Some(*image_size),
+            | Self::Local { image_size, .. }
+            | Self::LocalBn { image_size, .. } => Some(*image_size),
             Self::Codes { .. } => None,
+        }
+    }
+
+    /// Features of each place in a picture, where there are any: decoders then look them up, by the picture's camera.
+    pub fn local_channels(&self) -> Option<usize> {
+        match self {
+            Self::Local { channels, .. } | Self::LocalBn { channels, .. } => Some(*channels),
+            Self::Resnet18 { .. } | Self::Convolutional { .. } | Self::ConvolutionalBn { .. } | Self::Codes { .. } => {
+                None
+            }
         }
     }
 
@@ -141,9 +166,11 @@ impl EncoderConfig {
             Self::Convolutional { width, .. } => convolutional_parameters(width, code_dim),
             Self::ConvolutionalBn { width, .. } => convolutional_parameters(width, code_dim.saturating_mul(4)),
             Self::Local { width, channels, .. } => {
-                let channels = channels as u64;
-                let smooth = channels.saturating_mul(channels).saturating_mul(9);
-                convolutional_parameters(width, code_dim).saturating_add(smooth)
+                convolutional_parameters(width, code_dim).saturating_add(smooth_parameters(channels))
+            }
+            Self::LocalBn { width, channels, .. } => {
+                let convolutional = convolutional_parameters(width, code_dim.saturating_mul(4));
+                convolutional.saturating_add(smooth_parameters(channels))
             }
             Self::Codes { objects } => (objects as u64).saturating_mul(code_dim),
         }
@@ -157,7 +184,14 @@ impl EncoderConfig {
             Self::ConvolutionalBn { width, .. } => {
                 Encoder::ConvolutionalBn(ConvolutionalBn::new(width, code_dim, device))
             }
-            Self::Local { width, channels, .. } => Encoder::Local(Local::new(width, channels, code_dim, device)),
+            Self::Local { width, channels, .. } => {
+                let convolutions = Convolutions::Plain(Convolutional::new(width, code_dim, device));
+                Encoder::Local(Local::new(convolutions, width, channels, device))
+            }
+            Self::LocalBn { width, channels, .. } => {
+                let convolutions = Convolutions::Normalised(ConvolutionalBn::new(width, code_dim, device));
+                Encoder::Local(Local::new(convolutions, width, channels, device))
+            }
             Self::Codes { objects } => Encoder::Codes(Codes::new(objects, code_dim, device)),
         }
     }
@@ -167,6 +201,10 @@ fn convolutional_parameters(width: usize, code_dim: u64) -> u64 {
     let width = width.max(1) as u64;
     let last = width.saturating_mul(width).saturating_mul(8 * 16 * 9);
     last.saturating_add(code_dim.saturating_mul(width.saturating_mul(16)))
+}
+
+fn smooth_parameters(channels: usize) -> u64 {
+    (channels as u64).saturating_mul(channels as u64).saturating_mul(9)
 }
 
 /// Makes the latent codes of objects (`c` in DVR, section 3.1).
@@ -179,7 +217,7 @@ pub enum Encoder {
     Convolutional(Convolutional),
     /// From an image, by five convolutions with batch normalisation.
     ConvolutionalBn(ConvolutionalBn),
-    /// From an image, by five convolutions whose features stay where they are.
+    /// From an image, by five convolutions, with batch normalisation or without, whose features stay where they are.
     Local(Local),
     /// From the object's number.
     Codes(Codes),
@@ -195,7 +233,7 @@ impl Encoder {
             Self::Resnet18(encoder) => encoder.forward(images),
             Self::Convolutional(encoder) => encoder.forward(images),
             Self::ConvolutionalBn(encoder) => encoder.forward(images),
-            Self::Local(encoder) => encoder.convolutional.forward(images),
+            Self::Local(encoder) => encoder.codes(images),
             Self::Codes(codes) => codes.forward(objects),
         }
     }

@@ -1,234 +1,66 @@
 //! Convolutions with batch normalisation on the CPU, with their gradient by hand.
-//!
-//! Pictures lie pixel by pixel, all channels of a pixel side by side: what a convolution sees of a pixel's neighbourhood is then
-//! a row of a matrix, and the convolution a product.
 
 use std::sync::{Arc, OnceLock};
 
 use burn::tensor::Tensor;
-use ndarray::linalg::general_mat_mul;
-use ndarray::s;
-use rayon::prelude::*;
 
+use super::convolution::{Convolution, Map};
 use super::convolutional_bn::NormalisedConvolution;
 use crate::host_function::{HostFunction, host_function};
-use crate::matrices::{matrix, matrix_mut};
-
-/// Pixels along an edge of what a convolution sees.
-const KERNEL: usize = 3;
-
-/// Places of a kernel.
-const TAPS: usize = KERNEL * KERNEL;
 
 /// From one place of a kernel to the next.
 const STRIDE: usize = 2;
 
-/// Numbers of a cache line.
-const LINE: usize = 16;
-
-/// Numbers of neighbourhoods that are written down at a time, at most: 16 MiB.
-const NEIGHBOURHOODS: usize = 1 << 22;
-
 /// What convolutions with batch normalisation make of a batch of pictures.
 pub(super) struct Normalised {
-    /// The last map, `[b, channels, height, width]`.
-    pub map: Tensor<4>,
+    /// The maps that were asked for, the last of them the last of all, `[b, channels, height, width]` each.
+    pub maps: Vec<Tensor<4>>,
     /// Of each layer, mean and variance of each channel over the batch, not on the graph.
     pub statistics: Vec<[Tensor<1>; 2]>,
 }
 
-/// `relu(bn(conv(x)))` for layer after layer, by the statistics of the batch. Gradients reach the layers; pictures
-/// `[b, 3, height, width]` are constants.
-pub(super) fn normalised_convolutions(images: Tensor<4>, layers: &[NormalisedConvolution]) -> Normalised {
+/// `relu(bn(conv(x)))` for layer after layer, by the statistics of the batch; the maps of layer `first` and of all behind it. Gradients
+/// reach the layers; pictures `[b, 3, height, width]` are constants.
+pub(super) fn normalised_convolutions(images: Tensor<4>, layers: &[NormalisedConvolution], first: usize) -> Normalised {
     let [pictures, channels, height, width] = images.dims();
     let mut inputs: Vec<Tensor<1>> = Vec::new();
     let mut sizes = Vec::new();
     let mut of = Map { pictures, height, width, channels };
     for NormalisedConvolution { conv, bn } in layers {
-        let to = of.halved(conv.weight.dims()[0]);
-        sizes.push(Layer { of, to, epsilon: bn.epsilon as f32 });
+        let convolution = Convolution::new(of, conv.weight.dims()[0], STRIDE);
+        sizes.push(Layer { convolution, epsilon: bn.epsilon as f32 });
         inputs.extend([conv.weight.val().flatten(0, 3), bn.gamma.val(), bn.beta.val()]);
-        of = to;
+        of = convolution.to;
     }
     let pixels = images.permute([0, 2, 3, 1]).into_data().iter::<f32>().collect();
-    let function = Convolutions { layers: sizes.clone(), pixels, passes: OnceLock::new() };
+    let function = Convolutions { layers: sizes.clone(), first, pixels, passes: OnceLock::new() };
     let found = host_function(Tensor::cat(inputs, 0), Arc::new(function));
-    let map = found.clone().narrow(0, 0, of.len()).reshape([pictures, of.height, of.width, of.channels]);
-    let mut at = of.len();
-    let statistics = sizes.iter().map(|layer| {
-        let mut next = || {
-            at += layer.to.channels;
-            found.clone().narrow(0, at - layer.to.channels, layer.to.channels).detach()
-        };
-        [next(), next()]
+    let mut at = 0;
+    let mut next = |count: usize| {
+        at += count;
+        found.clone().narrow(0, at - count, count)
+    };
+    let maps = sizes[first..].iter().map(|layer| {
+        let to = layer.convolution.to;
+        let map = next(to.len()).reshape([pictures, to.height, to.width, to.channels]);
+        map.permute([0, 3, 1, 2])
     });
-    Normalised { statistics: statistics.collect(), map: map.permute([0, 3, 1, 2]) }
-}
-
-/// The size of a map: so many numbers at each pixel of each picture.
-#[derive(Clone, Copy, Debug)]
-struct Map {
-    pictures: usize,
-    height: usize,
-    width: usize,
-    channels: usize,
-}
-
-impl Map {
-    /// What a convolution of stride 2 with a padding of 1 leaves.
-    fn halved(&self, channels: usize) -> Self {
-        Self { height: self.height.div_ceil(STRIDE), width: self.width.div_ceil(STRIDE), channels, ..*self }
-    }
-
-    /// Pixels of a picture.
-    fn pixels(&self) -> usize {
-        self.height * self.width
-    }
-
-    /// Numbers of a picture.
-    fn picture(&self) -> usize {
-        self.pixels() * self.channels
-    }
-
-    fn len(&self) -> usize {
-        self.pictures * self.picture()
-    }
+    let maps = maps.collect();
+    let statistics = sizes.iter().map(|layer| [0; 2].map(|_| next(layer.convolution.to.channels).detach()));
+    Normalised { statistics: statistics.collect(), maps }
 }
 
 /// A convolution and its normalisation.
 #[derive(Clone, Copy, Debug)]
 struct Layer {
-    of: Map,
-    to: Map,
+    convolution: Convolution,
     epsilon: f32,
 }
 
 impl Layer {
-    /// Numbers of a neighbourhood.
-    fn seen(&self) -> usize {
-        TAPS * self.of.channels
-    }
-
-    fn weights(&self) -> usize {
-        self.seen() * self.to.channels
-    }
-
     /// Weights, factors and offsets.
     fn parameters(&self) -> usize {
-        self.weights() + 2 * self.to.channels
-    }
-
-    /// Calls `each` with where a weight lies in burn's order, by output, input and place, and where in a matrix
-    /// `[neighbourhood, outputs]`: cache line by cache line of the latter.
-    fn places(&self, mut each: impl FnMut(usize, usize)) {
-        let (inputs, outputs) = (self.of.channels, self.to.channels);
-        for first in (0..outputs).step_by(LINE) {
-            for place in 0..self.seen() {
-                let (input, tap) = (place / TAPS, place % TAPS);
-                for output in first..(first + LINE).min(outputs) {
-                    each(output * self.seen() + place, (tap * inputs + input) * outputs + output);
-                }
-            }
-        }
-    }
-
-    /// Weights in the order of the matrix.
-    fn reordered(&self, weights: &[f32]) -> Vec<f32> {
-        let mut reordered = vec![0.0; self.weights()];
-        self.places(|at, to| reordered[to] = weights[at]);
-        reordered
-    }
-
-    /// Pictures whose neighbourhoods are written down at a time.
-    fn group(&self) -> usize {
-        (NEIGHBOURHOODS / (self.to.pixels() * self.seen())).clamp(1, self.of.pictures.max(1))
-    }
-
-    /// im2col: writes the neighbourhood of each pixel of some pictures, a row each, zero beyond the border.
-    fn im2col(&self, pictures: &[f32], rows: &mut [f32]) {
-        let Map { height, width, channels, .. } = self.of;
-        let by_row = self.to.width * self.seen();
-        rows.par_chunks_mut(by_row).enumerate().for_each(|(row, out)| {
-            let (picture, y) = (row / self.to.height, row % self.to.height);
-            let picture = &pictures[picture * self.of.picture()..][..self.of.picture()];
-            for (place, out) in out.chunks_exact_mut(channels).enumerate() {
-                let (x, dy, dx) = (place / TAPS, place % TAPS / KERNEL, place % KERNEL);
-                let (y, x) = (STRIDE * y + dy, STRIDE * x + dx);
-                if (1..=height).contains(&y) && (1..=width).contains(&x) {
-                    out.copy_from_slice(&picture[((y - 1) * width + x - 1) * channels..][..channels]);
-                } else {
-                    out.fill(0.0);
-                }
-            }
-        });
-    }
-
-    /// Its transpose: adds up at each pixel of some pictures what neighbourhoods have of it.
-    fn col2im(&self, rows: &[f32], pictures: &mut [f32]) {
-        let Map { height, width, channels, .. } = self.of;
-        let by_picture = self.to.pixels() * self.seen();
-        pictures.par_chunks_mut(self.of.picture()).zip(rows.par_chunks(by_picture)).for_each(|(picture, rows)| {
-            for (place, row) in rows.chunks_exact(channels).enumerate() {
-                let (pixel, dy, dx) = (place / TAPS, place % TAPS / KERNEL, place % KERNEL);
-                let (y, x) = (STRIDE * (pixel / self.to.width) + dy, STRIDE * (pixel % self.to.width) + dx);
-                if (1..=height).contains(&y) && (1..=width).contains(&x) {
-                    let sum = &mut picture[((y - 1) * width + x - 1) * channels..][..channels];
-                    sum.iter_mut().zip(row).for_each(|(sum, row)| *sum += row);
-                }
-            }
-        });
-    }
-
-    /// The convolution.
-    fn convolve(&self, weights: &[f32], input: &[f32]) -> Vec<f32> {
-        let (group, channels) = (self.group(), self.to.channels);
-        let mut seen = vec![0.0; group * self.to.pixels() * self.seen()];
-        let mut out = vec![0.0; self.to.len()];
-        let weights = matrix(weights, self.seen(), channels);
-        for (input, out) in input.chunks(group * self.of.picture()).zip(out.chunks_mut(group * self.to.picture())) {
-            let pixels = out.len() / channels;
-            let seen = &mut seen[..pixels * self.seen()];
-            self.im2col(input, seen);
-            let share = share(pixels);
-            out.par_chunks_mut(share * channels).zip(seen.par_chunks(share * self.seen())).for_each(|(out, seen)| {
-                let pixels = out.len() / channels;
-                let seen = matrix(seen, pixels, self.seen());
-                general_mat_mul(1.0, &seen, &weights, 0.0, &mut matrix_mut(out, pixels, channels));
-            });
-        }
-        out
-    }
-
-    /// The gradients by weights, in the order of [`Layer::reordered`], and by the input where it is asked for, given that by the
-    /// convolution.
-    fn convolve_back(&self, weights: &[f32], input: &[f32], by: &[f32], by_input: Option<&mut [f32]>) -> Vec<f32> {
-        let (group, channels) = (self.group(), self.to.channels);
-        let mut seen = vec![0.0; group * self.to.pixels() * self.seen()];
-        let mut by_weights = vec![0.0; self.weights()];
-        let weights = matrix(weights, self.seen(), channels);
-        let mut by_input = by_input.map(|by_input| by_input.chunks_mut(group * self.of.picture()));
-        for (input, by) in input.chunks(group * self.of.picture()).zip(by.chunks(group * self.to.picture())) {
-            let pixels = by.len() / channels;
-            let seen = &mut seen[..pixels * self.seen()];
-            self.im2col(input, seen);
-            // Rows of the weights are shared out, so that no sum depends on how many threads there are.
-            let (share_of_rows, all, of_all) = (share(self.seen()), matrix(seen, pixels, self.seen()), by);
-            let of_all = matrix(of_all, pixels, channels);
-            by_weights.par_chunks_mut(share_of_rows * channels).enumerate().for_each(|(part, by_weights)| {
-                let (first, rows) = (part * share_of_rows, by_weights.len() / channels);
-                let seen = all.slice(s![.., first..first + rows]);
-                general_mat_mul(1.0, &seen.t(), &of_all, 1.0, &mut matrix_mut(by_weights, rows, channels));
-            });
-            let Some(by_input) = by_input.as_mut().and_then(Iterator::next) else { continue };
-            let share = share(pixels);
-            seen.par_chunks_mut(share * self.seen()).zip(by.par_chunks(share * channels)).for_each(|(seen, by)| {
-                let pixels = by.len() / channels;
-                let by = matrix(by, pixels, channels);
-                general_mat_mul(1.0, &by, &weights.t(), 0.0, &mut matrix_mut(seen, pixels, self.seen()));
-            });
-            self.col2im(seen, by_input);
-        }
-        by_weights
+        self.convolution.weights() + 2 * self.convolution.to.channels
     }
 }
 
@@ -245,16 +77,17 @@ struct Passed {
 
 impl Passed {
     fn new(layer: &Layer, parameters: &[f32], input: &[f32]) -> Self {
-        let channels = layer.to.channels;
-        let (weights, affine) = parameters.split_at(layer.weights());
+        let channels = layer.convolution.to.channels;
+        let (weights, affine) = parameters.split_at(layer.convolution.weights());
         let (gamma, beta) = affine.split_at(channels);
-        let convolved = layer.convolve(&layer.reordered(weights), input);
+        let Layer { convolution, epsilon } = layer;
+        let convolved = convolution.convolve(&convolution.reordered(weights), input);
         let count = (convolved.len() / channels).max(1) as f64;
         let sum = sums(&convolved, channels, |value, _| f64::from(value));
         let mean: Vec<f32> = sum.iter().map(|sum| (sum / count) as f32).collect();
         let squares = sums(&convolved, channels, |value, channel| f64::from(value - mean[channel]).powi(2));
         let variance: Vec<f32> = squares.iter().map(|sum| (sum / count) as f32).collect();
-        let factors: Vec<f32> = (0..channels).map(|c| gamma[c] / (variance[c] + layer.epsilon).sqrt()).collect();
+        let factors: Vec<f32> = (0..channels).map(|c| gamma[c] / (variance[c] + epsilon).sqrt()).collect();
         let mut map = convolved.clone();
         for pixel in map.chunks_exact_mut(channels) {
             for (c, value) in pixel.iter_mut().enumerate() {
@@ -269,7 +102,7 @@ impl Passed {
     /// Takes a gradient by the map to one by the convolution, and returns those by the factors and offsets of the normalisation
     /// (Ioffe and Szegedy 2015, section 3).
     fn normalise_back(&self, layer: &Layer, gamma: &[f32], by: &mut [f32]) -> [Vec<f32>; 2] {
-        let channels = layer.to.channels;
+        let channels = layer.convolution.to.channels;
         let inverse: Vec<f32> = self.variance.iter().map(|variance| 1.0 / (variance + layer.epsilon).sqrt()).collect();
         by.iter_mut().zip(&self.map).for_each(|(by, &map)| *by = if map > 0.0 { *by } else { 0.0 });
         let by_beta = sums(by, channels, |by, _| f64::from(by));
@@ -303,10 +136,12 @@ fn sums(values: &[f32], channels: usize, of: impl Fn(f32, usize) -> f64) -> Vec<
     sums
 }
 
-/// The function. Its value is the last map, pixel by pixel, and behind it mean and variance of each layer's channels.
+/// The function. Its value are the maps from layer `first` on, pixel by pixel, and behind them mean and variance of each layer's
+/// channels.
 #[derive(Debug)]
 struct Convolutions {
     layers: Vec<Layer>,
+    first: usize,
     /// The pictures.
     pixels: Vec<f32>,
     /// What the layers made, for the way back.
@@ -331,7 +166,7 @@ impl Convolutions {
 impl HostFunction for Convolutions {
     fn value(&self, inputs: &[f32]) -> Vec<f32> {
         let passes = self.passes(inputs);
-        let mut value = passes.last().map_or_else(|| self.pixels.clone(), |passed| passed.map.clone());
+        let mut value: Vec<f32> = passes[self.first..].iter().flat_map(|passed| &passed.map).copied().collect();
         passes.iter().for_each(|passed| value.extend(passed.mean.iter().chain(&passed.variance)));
         value
     }
@@ -340,30 +175,39 @@ impl HostFunction for Convolutions {
         let passes = self.passes(inputs);
         let mut gradient = vec![0.0; inputs.len()];
         let mut end = inputs.len();
-        let mut by = by[..passes.last().map_or(0, |passed| passed.map.len())].to_vec();
+        // By the maps that are handed out, the last of which is the only one that nothing else depends on.
+        let mut handed_out = by;
+        let maps: Vec<&[f32]> = passes[self.first..]
+            .iter()
+            .map(|passed| {
+                let (own, others) = handed_out.split_at(passed.map.len());
+                handed_out = others;
+                own
+            })
+            .collect();
+        let mut by = vec![0.0; passes.last().map_or(0, |passed| passed.map.len())];
         for (i, (layer, passed)) in self.layers.iter().zip(passes).enumerate().rev() {
+            if let Some(map) = i.checked_sub(self.first).and_then(|i| maps.get(i)) {
+                by.iter_mut().zip(*map).for_each(|(by, own)| *by += own);
+            }
             let own = end - layer.parameters()..end;
             end = own.start;
-            let (weights, affine) = inputs[own.clone()].split_at(layer.weights());
-            let channels = layer.to.channels;
+            let convolution = &layer.convolution;
+            let (weights, affine) = inputs[own.clone()].split_at(convolution.weights());
+            let channels = layer.convolution.to.channels;
             let [by_gamma, by_beta] = passed.normalise_back(layer, &affine[..channels], &mut by);
             let input = if i > 0 { &passes[i - 1].map } else { &self.pixels };
-            let mut by_input = if i > 0 { vec![0.0; layer.of.len()] } else { Vec::new() };
+            let mut by_input = if i > 0 { vec![0.0; convolution.of.len()] } else { Vec::new() };
             let asked = (i > 0).then_some(&mut by_input[..]);
-            let by_weights = layer.convolve_back(&layer.reordered(weights), input, &by, asked);
-            let (of_weights, of_affine) = gradient[own].split_at_mut(layer.weights());
-            layer.places(|at, from| of_weights[at] = by_weights[from]);
+            let by_weights = convolution.convolve_back(&convolution.reordered(weights), input, &by, asked);
+            let (of_weights, of_affine) = gradient[own].split_at_mut(convolution.weights());
+            convolution.places(|at, from| of_weights[at] = by_weights[from]);
             of_affine[..channels].copy_from_slice(&by_gamma);
             of_affine[channels..].copy_from_slice(&by_beta);
             by = by_input;
         }
         gradient
     }
-}
-
-/// Rows of a product for each thread.
-fn share(rows: usize) -> usize {
-    rows.div_ceil(rayon::current_num_threads()).max(1)
 }
 
 #[cfg(test)]
@@ -385,14 +229,16 @@ mod tests {
         Tensor::from_data(TensorData::new(values, shape), device)
     }
 
-    /// The last map, gradients by all parameters, and what the running statistics are then.
-    fn found(encoder: &ConvolutionalBn, map: Tensor<4>) -> Vec<Vec<f32>> {
-        let [.., height, width] = map.dims();
-        let places: Vec<f32> = (0..map.dims().iter().product()).map(|i: usize| (1.3 * i as f32).cos()).collect();
-        let weights = Tensor::from_data(TensorData::new(places, map.dims()), &map.device());
-        assert!(height > 0 && width > 0);
-        let gradients = (map.clone() * weights).sum().backward();
-        let mut all = vec![numbers(map)];
+    /// Maps, gradients by all parameters of a sum over the maps, and what the running statistics are then.
+    fn found(encoder: &ConvolutionalBn, maps: Vec<Tensor<4>>) -> Vec<Vec<f32>> {
+        let weighted = maps.iter().enumerate().map(|(k, map)| {
+            let places: Vec<f32> =
+                (0..map.dims().iter().product()).map(|i: usize| ((1.3 + k as f32) * i as f32).cos()).collect();
+            assert!(!places.is_empty());
+            (map.clone() * Tensor::from_data(TensorData::new(places, map.dims()), &map.device())).sum()
+        });
+        let gradients = weighted.reduce(|a, b| a + b).expect("a map").backward();
+        let mut all: Vec<Vec<f32>> = maps.into_iter().map(numbers).collect();
         for layer in &encoder.layers {
             all.push(numbers(layer.conv.weight.val().grad(&gradients).expect("a gradient")));
             all.push(numbers(layer.bn.gamma.val().grad(&gradients).expect("a gradient")));
@@ -405,16 +251,20 @@ mod tests {
     #[test]
     fn maps_gradients_and_statistics_are_those_of_burns_operations() {
         let device = Device::flex().autodiff();
-        for size in [[64, 64], [21, 50]] {
+        for (size, first) in [([64, 64], 4), ([21, 50], 4), ([64, 64], 0), ([21, 50], 2)] {
             let images = images(size, &device);
             // Clones share their running statistics.
             let new = || seeded(&device, 5, || ConvolutionalBn::new(4, 6, &device));
             let (of_burn, own) = (new(), new());
-            let map = of_burn.layers.iter().fold(images.clone(), |net, layer| layer.forward(net));
-            let expected = found(&of_burn, map);
-            let Normalised { map, statistics } = normalised_convolutions(images, &own.layers);
+            let mut net = images.clone();
+            let maps = of_burn.layers.iter().map(|layer| {
+                net = layer.forward(net.clone());
+                net.clone()
+            });
+            let expected = found(&of_burn, maps.skip(first).collect());
+            let Normalised { maps, statistics } = normalised_convolutions(images, &own.layers, first);
             own.layers.iter().zip(statistics).for_each(|(layer, [mean, variance])| layer.remember(mean, variance));
-            let ours = found(&own, map);
+            let ours = found(&own, maps);
             assert_eq!(ours.len(), expected.len());
             for (i, (ours, expected)) in ours.iter().zip(&expected).enumerate() {
                 let largest_of = |values: &[f32]| largest(values.iter().map(|x| x.abs()));
@@ -432,7 +282,7 @@ mod tests {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| {
                 let encoder = seeded(&device, 5, || ConvolutionalBn::new(4, 6, &device));
-                found(&encoder, normalised_convolutions(images([32, 32], &device), &encoder.layers).map)
+                found(&encoder, normalised_convolutions(images([32, 32], &device), &encoder.layers, 0).maps)
             })
         };
         assert!(with(1) == with(3));
@@ -442,7 +292,7 @@ mod tests {
     fn what_is_no_number_is_not_hidden() {
         let device = Device::flex().autodiff();
         let encoder = seeded(&device, 5, || ConvolutionalBn::new(4, 6, &device));
-        let map = normalised_convolutions(images([32, 32], &device) * f32::NAN, &encoder.layers).map;
-        assert!(numbers(map).iter().all(|value| value.is_nan()));
+        let maps = normalised_convolutions(images([32, 32], &device) * f32::NAN, &encoder.layers, 0).maps;
+        assert!(maps.into_iter().flat_map(numbers).all(|value| value.is_nan()));
     }
 }

@@ -31,6 +31,8 @@ fn every_kind_makes_a_code_a_row() {
         (EncoderConfig::ConvolutionalBn { image_size: 64, width: 2 }, 64),
         (EncoderConfig::ConvolutionalBn { image_size: 100, width: 2 }, 100),
         (EncoderConfig::ConvolutionalBn { image_size: 16, width: 2 }, 16),
+        (EncoderConfig::Local { image_size: 64, width: 2, channels: 3 }, 64),
+        (EncoderConfig::LocalBn { image_size: 16, width: 2, channels: 3 }, 16),
         (EncoderConfig::Codes { objects: 5 }, 16),
     ];
     for (config, size) in kinds {

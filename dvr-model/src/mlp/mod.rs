@@ -8,6 +8,9 @@ mod dense;
 mod features;
 mod tile;
 
+use std::fmt::Debug;
+use std::sync::Arc;
+
 use glam::Vec3;
 use pulp::Arch;
 use rayon::prelude::*;
@@ -21,7 +24,7 @@ use tile::{Forward, Tile};
 ///
 /// `net = input(features(p))`; a block is `net + second(relu(first(relu(net))))`, before which a latent code may scale and
 /// shift `net`; the values are `output(activation(net))`, where the last activation is a leaky ReLU. `features` are the
-/// coordinates and, for `k < octaves`, `sin(2^k pi p)` and `cos(2^k pi p)`.
+/// coordinates and, for `k < octaves`, `sin(2^k pi p)` and `cos(2^k pi p)`, and what else is known of a point.
 #[derive(Clone, Debug)]
 pub struct ResidualMlp {
     input: Dense,
@@ -30,7 +33,21 @@ pub struct ResidualMlp {
     /// What is done before each block, where something is.
     modulations: Vec<Modulation>,
     octaves: usize,
+    /// Inputs of the first layer behind those of the coordinates; 0 where there is none.
+    further: Option<Arc<dyn PointFeatures>>,
     leak: f32,
+}
+
+/// What a point gives to the network beside its coordinates and their encoding.
+pub trait PointFeatures: Debug + Send + Sync {
+    /// How many numbers.
+    fn count(&self) -> usize;
+
+    /// Writes them for at most `width` points, `[count][width]`.
+    fn write(&self, points: &[Vec3], width: usize, rows: &mut [f32]);
+
+    /// Writes their derivatives along an axis.
+    fn write_tangents(&self, points: &[Vec3], axis: usize, width: usize, rows: &mut [f32]);
 }
 
 /// `net = scale net + shift`, unit by unit.
@@ -59,7 +76,7 @@ impl ResidualMlp {
         leak: f32,
     ) -> Self {
         let hidden = input.outputs();
-        assert_eq!(input.inputs, feature_count(octaves), "inputs of the first layer");
+        assert!(input.inputs >= feature_count(octaves), "inputs of the first layer: {}", input.inputs);
         assert_eq!(output.inputs, hidden, "inputs of the last layer");
         for layer in blocks.iter().flatten() {
             assert_eq!((layer.inputs, layer.outputs()), (hidden, hidden), "a block's layer");
@@ -70,7 +87,36 @@ impl ResidualMlp {
             output: Dense::new(output),
             modulations: Vec::new(),
             octaves,
+            further: None,
             leak,
+        }
+    }
+
+    /// The network with these features behind those of the coordinates.
+    ///
+    /// # Panics
+    /// When the first layer has not as many inputs.
+    #[must_use]
+    pub fn with_features(self, further: Arc<dyn PointFeatures>) -> Self {
+        assert_eq!(self.input.inputs(), feature_count(self.octaves) + further.count(), "inputs of the first layer");
+        Self { further: Some(further), ..self }
+    }
+
+    /// Features of at most `width` points for the first layer.
+    fn write_features(&self, points: &[Vec3], width: usize, rows: &mut [f32]) {
+        let (own, others) = rows.split_at_mut(feature_count(self.octaves) * width);
+        write_features(points, self.octaves, width, own);
+        if let Some(further) = &self.further {
+            further.write(points, width, others);
+        }
+    }
+
+    /// Their derivatives along an axis.
+    fn write_tangents(&self, points: &[Vec3], axis: usize, width: usize, rows: &mut [f32]) {
+        let (own, others) = rows.split_at_mut(feature_count(self.octaves) * width);
+        write_tangents(points, axis, self.octaves, width, own);
+        if let Some(further) = &self.further {
+            further.write_tangents(points, axis, width, others);
         }
     }
 
@@ -117,7 +163,7 @@ impl ResidualMlp {
             || self.tile(PANELS),
             |tile, (out, points)| {
                 for (panel, points) in points.chunks(width).enumerate() {
-                    write_features(points, self.octaves, width, tile.features(panel));
+                    self.write_features(points, width, tile.features(panel));
                 }
                 self.forward(tile, false);
                 for (i, values) in out.chunks_mut(channels).enumerate() {
@@ -136,9 +182,9 @@ impl ResidualMlp {
         out.par_chunks_mut(width).zip(points.par_chunks(width)).for_each_init(
             || self.tile(JACOBIAN_PANELS),
             |tile, (out, points)| {
-                write_features(points, self.octaves, width, tile.features(0));
+                self.write_features(points, width, tile.features(0));
                 for axis in 0..3 {
-                    write_tangents(points, axis, self.octaves, width, tile.features(1 + axis));
+                    self.write_tangents(points, axis, width, tile.features(1 + axis));
                 }
                 self.forward(tile, true);
                 for (i, (value, gradient)) in out.iter_mut().enumerate() {

@@ -37,16 +37,17 @@ impl ShapeModelConfig {
         let takes_places = matches!(self.decoder, ShapeDecoderConfig::Graph { .. });
         let kind = match self.encoder {
             EncoderConfig::Local { .. } => "local",
+            EncoderConfig::LocalBn { .. } => "local-bn",
             EncoderConfig::Resnet18 { .. } => "resnet18",
             EncoderConfig::Convolutional { .. } => "convolutional",
             EncoderConfig::ConvolutionalBn { .. } => "convolutional-bn",
             EncoderConfig::Codes { .. } => "codes",
         };
-        if takes_places != (kind == "local") {
+        if takes_places != self.encoder.local_channels().is_some() {
             let range = if takes_places {
-                "`local` for the decoder of kind `graph`"
+                "`local` or `local-bn` for the decoder of kind `graph`"
             } else {
-                "`local` for the decoder of kind `graph` alone"
+                "`local` and `local-bn` for the decoder of kind `graph` alone"
             };
             return Err(OutOfRange::new("encoder.kind", kind, range));
         }
@@ -61,10 +62,7 @@ impl ShapeModelConfig {
     /// A model with fresh parameters.
     pub fn init(&self, device: &Device) -> ShapeModel {
         let encoder = self.encoder.init(self.code_dim, device);
-        let channels = match &encoder {
-            Encoder::Local(local) => local.channels(),
-            Encoder::Resnet18(_) | Encoder::Convolutional(_) | Encoder::ConvolutionalBn(_) | Encoder::Codes(_) => 0,
-        };
+        let channels = self.encoder.local_channels().unwrap_or(0);
         ShapeModel { encoder, decoder: self.decoder.init(self.code_dim, channels, device) }
     }
 }

@@ -103,7 +103,8 @@ fn image_bytes(encoder: &EncoderConfig) -> f64 {
             CONVOLUTIONAL_BYTES_PER_PIXEL * (width * image_size * image_size) as f64
         }
         // Five layers of the plane, at half the picture's size, beside the convolutions.
-        EncoderConfig::Local { image_size, width, channels } => {
+        EncoderConfig::Local { image_size, width, channels }
+        | EncoderConfig::LocalBn { image_size, width, channels } => {
             (CONVOLUTIONAL_BYTES_PER_PIXEL * *width as f64 + 0.25 * 5.0 * NUMBER * *channels as f64)
                 * (image_size * image_size) as f64
         }
@@ -135,23 +136,17 @@ fn objects_step(config: &ObjectsConfig) -> f64 {
         EncoderConfig::Convolutional { width, .. } | EncoderConfig::ConvolutionalBn { width, .. } => {
             1600.0 * (width * width) as f64
         }
-        EncoderConfig::Local { width, channels, .. } => {
+        EncoderConfig::Local { width, channels, .. } | EncoderConfig::LocalBn { width, channels, .. } => {
             1600.0 * (width * width) as f64 + 9.0 * (channels * channels) as f64
         }
         EncoderConfig::Codes { objects } => (objects * train.model.code_dim) as f64,
     };
     // The plane as the decoder takes it, and what a point finds in it: four places, what lies between them, derivatives.
-    let aligned = match &config.encoder {
-        EncoderConfig::Local { image_size, .. } => {
-            let hidden = NUMBER * train.model.hidden as f64;
-            let plane = 0.25 * (image_size * image_size) as f64;
-            objects * hidden * (2.0 * plane + ALIGNED_LAYERS * points as f64)
-        }
-        EncoderConfig::Resnet18 { .. }
-        | EncoderConfig::Convolutional { .. }
-        | EncoderConfig::ConvolutionalBn { .. }
-        | EncoderConfig::Codes { .. } => 0.0,
-    };
+    let aligned = config.encoder.local_channels().and_then(|_| config.encoder.image_size()).map_or(0.0, |image_size| {
+        let hidden = NUMBER * train.model.hidden as f64;
+        let plane = 0.25 * (image_size * image_size) as f64;
+        objects * hidden * (2.0 * plane + ALIGNED_LAYERS * points as f64)
+    });
     let images = image_bytes(&config.encoder);
     aligned + of_targets + matches + objects * images + NUMBER * PARAMETER_COPIES * weights + parameters(&train.model)
 }

@@ -101,7 +101,8 @@ fn the_mirror_is_the_one_in_which_objects_change_least_and_none_where_they_chang
 fn a_picture_and_its_mirror_image_give_shapes_that_are_mirror_images() {
     let (_folder, dataset) = wedge();
     let local = EncoderConfig::Local { image_size: 63, width: 2, channels: 3 };
-    for encoder in [small(Supervision::Rgb).encoder, local] {
+    let local_bn = EncoderConfig::LocalBn { image_size: 63, width: 2, channels: 3 };
+    for encoder in [small(Supervision::Rgb).encoder, local, local_bn] {
         let config = ObjectsConfig { encoder, mirror: Mirror::X, ..small(Supervision::Rgb) };
         let mut trainer = ObjectsTrainer::new(dataset.clone(), config.clone(), Device::flex()).unwrap();
         (0..3).for_each(|_| drop(trainer.step().unwrap()));

@@ -145,10 +145,10 @@ impl ObjectDrawer {
             Some(size) => {
                 let input = rng.random_range(0..self.dataset.inputs(object)?);
                 let picture = self.dataset.read_input(object, input, size as u32)?;
-                if picture.camera.is_none() && matches!(self.encoder, EncoderConfig::Local { .. }) {
+                if picture.camera.is_none() && self.encoder.local_channels().is_some() {
                     let path = &self.dataset.objects()[object].path;
                     let problem = format!("the camera of view {input} is unusable, or its picture a mirror image");
-                    let remedy = "The encoder of kind `local` sees views with cameras: mend cameras.npz.";
+                    let remedy = "Encoders of kinds `local` and `local-bn` see views with cameras: mend cameras.npz.";
                     return Err(dvr_core::Error::format(path, problem, remedy).into());
                 }
                 Some(picture)

@@ -4,7 +4,9 @@ use burn::module::Param;
 use burn::nn::Linear;
 use burn::tensor::{Device, Int, Tensor, TensorData};
 use dvr_core::{Camera, Ray, UnitCube};
-use dvr_model::{AlignedLayer, Conditioned, DecoderConfig, Encoder, EncoderConfig, ImageModel, ImageModelConfig};
+use dvr_model::{
+    AlignedLayer, Conditioned, Convolutions, DecoderConfig, Encoder, EncoderConfig, ImageModel, ImageModelConfig,
+};
 use dvr_render::{Hits, MarchSettings, Marcher, Rays, SlopeRule, Surface, TensorMarcher};
 use dvr_tests::*;
 use glam::DVec3;
@@ -57,7 +59,16 @@ impl Setup {
                 Encoder::ConvolutionalBn(encoder)
             }
             Encoder::Local(mut encoder) => {
-                encoder.convolutional.fc_out = near(encoder.convolutional.fc_out);
+                encoder.convolutional = match encoder.convolutional {
+                    Convolutions::Plain(mut layers) => {
+                        layers.fc_out = near(layers.fc_out);
+                        Convolutions::Plain(layers)
+                    }
+                    Convolutions::Normalised(mut layers) => {
+                        layers.fc = near(layers.fc);
+                        Convolutions::Normalised(layers)
+                    }
+                };
                 Encoder::Local(encoder)
             }
             Encoder::Codes(codes) => Encoder::Codes(codes),
@@ -118,7 +129,10 @@ fn first_layer(encoder: &Encoder) -> Param<Tensor<4>> {
         Encoder::Resnet18(encoder) => encoder.features.conv1.weight.clone(),
         Encoder::Convolutional(encoder) => encoder.conv0.weight.clone(),
         Encoder::ConvolutionalBn(encoder) => encoder.layers[0].conv.weight.clone(),
-        Encoder::Local(encoder) => encoder.convolutional.conv0.weight.clone(),
+        Encoder::Local(encoder) => match &encoder.convolutional {
+            Convolutions::Plain(layers) => layers.conv0.weight.clone(),
+            Convolutions::Normalised(layers) => layers.layers[0].conv.weight.clone(),
+        },
         Encoder::Codes(_) => unreachable!("has no layers"),
     }
 }
@@ -140,7 +154,12 @@ fn moved(encoder: &Encoder, direction: &Tensor<4>, step: f64) -> Encoder {
             Encoder::ConvolutionalBn(encoder)
         }
         Encoder::Local(mut encoder) => {
-            encoder.convolutional.conv0.weight = add(encoder.convolutional.conv0.weight);
+            match &mut encoder.convolutional {
+                Convolutions::Plain(layers) => layers.conv0.weight = add(layers.conv0.weight.clone()),
+                Convolutions::Normalised(layers) => {
+                    layers.layers[0].conv.weight = add(layers.layers[0].conv.weight.clone());
+                }
+            }
             Encoder::Local(encoder)
         }
         Encoder::Codes(codes) => Encoder::Codes(codes),
@@ -155,6 +174,7 @@ fn the_gradient_of_depth_for_the_first_convolution_equals_differences_of_encoder
     let kinds = [
         (EncoderConfig::Convolutional { image_size: 63, width: 2 }, 63, 2.0, 1e-7),
         (EncoderConfig::Local { image_size: 63, width: 2, channels: 3 }, 63, 2.0, 1e-7),
+        (EncoderConfig::LocalBn { image_size: 64, width: 2, channels: 3 }, 64, 0.5, 3e-9),
         (EncoderConfig::Resnet18 { image_size: 64 }, 64, 0.05, 3e-9),
     ];
     for (config, size, influence, difference) in kinds {

@@ -1,7 +1,18 @@
 //! Features of pictures at points in space: where each point lies in the picture of its object.
 
+mod looked_up;
+mod plane;
+#[cfg(test)]
+mod tests;
+
+use std::sync::Arc;
+
 use burn::tensor::{Device, Int, Tensor, TensorData};
 use dvr_core::Camera;
+use glam::Vec3;
+
+use crate::host_function::is_on_host;
+pub(crate) use plane::PicturePlane;
 
 /// Depth below which a point is no longer in front of a camera.
 const NEAREST: f64 = 1e-3;
@@ -65,11 +76,6 @@ impl PixelAligned {
         Self { rows, side, projections: numbers(&projection, 12), axes: numbers(&axes, 9) }
     }
 
-    /// The same with other features, made of each place's own: `[b * n * n, c]` to `[b * n * n, d]`.
-    pub fn map(self, features: impl FnOnce(Tensor<2>) -> Tensor<2>) -> Self {
-        Self { rows: features(self.rows), ..self }
-    }
-
     /// The same off the graph.
     pub fn inner(&self) -> Self {
         Self {
@@ -86,7 +92,27 @@ impl PixelAligned {
         place.features()
     }
 
-    /// The same, and their derivatives along directions `[n, 3]`.
+    /// The same for training by many points, which are constants: on the CPU in less time, and the same but for rounding.
+    pub fn at_constants(&self, points: &Tensor<2>, object: &Tensor<1, Int>) -> Tensor<2> {
+        if is_on_host(&self.rows) { looked_up::looked_up(self, points, object) } else { self.at(points, object) }
+    }
+
+    /// The same, object by object, off the tensors.
+    pub fn picture_planes(&self) -> Vec<PicturePlane> {
+        let channels = self.rows.dims()[1];
+        let features: Vec<f32> = self.rows.clone().into_data().iter::<f32>().collect();
+        let axes: Vec<f32> = self.axes.clone().into_data().iter::<f32>().collect();
+        let planes = features.chunks(self.side * self.side * channels).zip(self.host_projections());
+        let planes = planes.zip(axes.chunks(9)).map(|((features, projection), axes)| PicturePlane {
+            features: Arc::from(features),
+            channels,
+            projection,
+            axes: [0, 3, 6].map(|row| Vec3::from_slice(&axes[row..])),
+        });
+        planes.collect()
+    }
+
+    /// Features `[n, c]` and their derivatives along directions `[n, 3]`.
     pub fn tangents(
         &self,
         points: &Tensor<2>,
@@ -162,109 +188,4 @@ fn dot(matrix: &Tensor<2>, row: usize, vectors: &Tensor<2>) -> Tensor<2> {
 
 fn as_inner(constant: &Tensor<2>) -> Tensor<2> {
     if constant.device().is_autodiff() { constant.clone().inner() } else { constant.clone() }
-}
-
-#[cfg(test)]
-mod tests {
-    use glam::DVec3;
-
-    use super::*;
-
-    const SIDE: usize = 9;
-
-    /// Two planes that are linear in columns and rows, so that interpolation is exact; their cameras look from two sides.
-    fn features() -> (PixelAligned, Vec<Camera>) {
-        let cameras = [DVec3::new(0.3, 0.4, -2.0), DVec3::new(-1.5, 0.2, 1.0)]
-            .map(|eye| Camera::look_at(64, 64, 60.0, eye, DVec3::ZERO, DVec3::Y))
-            .to_vec();
-        let value = |plane: usize, channel: usize, row: usize, column: usize| match (plane, channel) {
-            (0, 0) | (1, 1) => column as f32,
-            (0, _) => row as f32,
-            _ => 10.0 + row as f32 - column as f32,
-        };
-        let at = |i: usize| value(i / (2 * SIDE * SIDE), i / (SIDE * SIDE) % 2, i / SIDE % SIDE, i % SIDE);
-        let values: Vec<f32> = (0..4 * SIDE * SIDE).map(at).collect();
-        let device = Device::flex();
-        let plane = Tensor::<4>::from_data(TensorData::new(values, [2, 2, SIDE, SIDE]), &device);
-        (PixelAligned::new(plane, [SIDE as f64, -0.5], &cameras, &device), cameras)
-    }
-
-    fn points() -> (Tensor<2>, Tensor<1, Int>) {
-        let device = Device::flex();
-        let points = Tensor::from_floats([[0.1, 0.2, -0.1], [-0.2, 0.05, 0.3], [0.3, -0.3, 0.2]], &device);
-        (points, Tensor::from_ints([0, 1, 0], &device))
-    }
-
-    fn rows(tensor: Tensor<2>) -> Vec<Vec<f32>> {
-        let columns = tensor.dims()[1];
-        tensor.into_data().iter::<f32>().collect::<Vec<_>>().chunks(columns).map(<[f32]>::to_vec).collect()
-    }
-
-    #[test]
-    fn features_are_those_of_the_place_where_the_camera_sees_the_point() {
-        let (features, cameras) = features();
-        let (points, object) = points();
-        let found = rows(features.at(&points, &object));
-        for ((point, object), found) in rows(points).iter().zip([0, 1, 0]).zip(found) {
-            let point = DVec3::new(point[0].into(), point[1].into(), point[2].into());
-            let place = cameras[object].project(point).0 / 64.0 * SIDE as f64 - 0.5;
-            let [column, row] = [place.x as f32, place.y as f32];
-            let expected = if object == 0 { [column, row] } else { [10.0 + row - column, column] };
-            assert!(
-                (found[0] - expected[0]).abs() < 1e-4 && (found[1] - expected[1]).abs() < 1e-4,
-                "{found:?} {expected:?}"
-            );
-        }
-    }
-
-    #[test]
-    fn derivatives_are_those_of_differences() {
-        let (features, _) = features();
-        let (points, object) = points();
-        let direction = Tensor::from_floats([[1.0, 0.5, -0.3], [0.2, -1.0, 0.4], [0.0, 0.0, 1.0]], &Device::flex());
-        let (value, tangents) = features.tangents(&points, &object, std::slice::from_ref(&direction));
-        assert_eq!(rows(value), rows(features.at(&points, &object)));
-        let step = 1e-2;
-        let at = |shift: f64| features.at(&(points.clone() + direction.clone() * shift), &object);
-        let differences = rows((at(step) - at(-step)) / (2.0 * step));
-        for (found, expected) in rows(tangents[0].clone()).iter().flatten().zip(differences.iter().flatten()) {
-            assert!((found - expected).abs() < 2e-3 * expected.abs().max(1.0), "{found} {expected}");
-        }
-    }
-
-    #[test]
-    fn beyond_the_picture_features_are_those_of_its_edge_and_do_not_change() {
-        let (features, _) = features();
-        let device = Device::flex();
-        let far = Tensor::from_floats([[5.0, 0.0, 0.0]], &device);
-        let object = Tensor::from_ints([0], &device);
-        let direction = Tensor::from_floats([[1.0, 0.0, 0.0]], &device);
-        let (value, tangents) = features.tangents(&far, &object, &[direction]);
-        let column = rows(value)[0][0];
-        assert!(column == 0.0 || column == (SIDE - 1) as f32, "{column}");
-        assert_eq!(rows(tangents[0].clone())[0][0], 0.0);
-    }
-
-    #[test]
-    fn a_point_behind_the_camera_has_features_and_finite_derivatives() {
-        let (features, _) = features();
-        let device = Device::flex();
-        let (point, object) = (Tensor::from_floats([[0.3, 0.4, -2.5]], &device), Tensor::from_ints([0], &device));
-        let direction = Tensor::from_floats([[0.0, 1e-6, 1e-6]], &device);
-        let (value, tangents) = features.tangents(&point, &object, &[direction]);
-        assert!(
-            rows(value).concat().iter().chain(&rows(tangents[0].clone()).concat()).all(|number| number.is_finite())
-        );
-    }
-
-    #[test]
-    fn points_turn_into_the_axes_of_their_camera() {
-        let (features, cameras) = features();
-        let (points, object) = points();
-        let found = rows(features.in_camera_axes(&points, &object));
-        let expected = cameras[1].rotation * DVec3::new(-0.2, 0.05, 0.3);
-        for (found, expected) in found[1].iter().zip(expected.to_array()) {
-            assert!((f64::from(*found) - expected).abs() < 1e-6);
-        }
-    }
 }
