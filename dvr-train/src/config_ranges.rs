@@ -58,6 +58,7 @@ const OF_OBJECTS: &[NumberRange] = &[
     real("hull_depth", 0.0, WEIGHT),
     real("hull_occupancy", 0.0, WEIGHT),
     whole("points", 1, RAYS),
+    real("color_jitter", 0.0, 2.0),
     real("box_share", 0.0, 1.0),
     real("inside_share", 0.0, 1.0),
     real("threshold", 0.001, 0.999),

@@ -70,6 +70,11 @@ pub struct ObjectsConfig {
     /// flipped from left to right say of it, on average.
     #[serde(default)]
     pub mirror: Mirror,
+    /// How much the colours of objects differ from those of their pictures while they are learned from, in the picture that the
+    /// encoder sees and in the pixels alike: channels change places, and have exponents from `exp(-color_jitter)` to
+    /// `exp(color_jitter)`. 0 leaves colours as they are.
+    #[serde(default)]
+    pub color_jitter: f64,
     /// Points of each object in a step of `occupancy` supervision, or of its visual hull.
     pub points: usize,
     /// Share of these that are drawn in the padded box of the object: from 0 to 1.
@@ -107,6 +112,7 @@ impl ObjectsConfig {
             hull_depth: 10.0,
             hull_occupancy: 0.0,
             mirror: Mirror::Off,
+            color_jitter: 0.0,
             points: 512,
             box_share: if knows_shapes { BOX_SHARE } else { 0.0 },
             inside_share: if knows_shapes { INSIDE_SHARE } else { 0.0 },
@@ -162,6 +168,7 @@ impl ObjectsConfig {
             hull_depth: 0.0,
             hull_occupancy: 0.0,
             mirror: Mirror::Off,
+            color_jitter: 0.0,
             points: 2048,
             box_share: 0.0,
             inside_share: 0.0,
@@ -220,6 +227,7 @@ impl ObjectsConfig {
         complete("", "hull_occupancy", 0.into());
         complete("", "inside_share", 0.into());
         complete("", "mirror", "off".into());
+        complete("", "color_jitter", 0.into());
         complete("", "threshold", half().into());
         config
     }

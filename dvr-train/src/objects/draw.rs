@@ -8,6 +8,7 @@ use glam::Vec3;
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 
+use super::color_jitter::ColorJitter;
 use super::config::ObjectsConfig;
 use super::hulls::{CoarseHull, Hulls};
 use super::object_drawer::ObjectDrawer;
@@ -121,6 +122,8 @@ struct ObjectTargets {
     hull_points: Vec<(Vec3, bool)>,
     /// Whether it is learned from in the mirror.
     mirror: Option<MirrorAxis>,
+    /// Its colours, where they are others.
+    jitter: Option<ColorJitter>,
 }
 
 enum SeenOrKnown {
@@ -153,7 +156,11 @@ impl BatchDrawer {
         let (mut known, mut hull_points) = (KnownPoints::default(), KnownPoints::default());
         for (place, object) in drawn.into_iter().enumerate() {
             let target = object.target;
-            inputs.extend(object.input.map(|input| target.mirror.map_or(input.clone(), |axis| input.mirrored(axis))));
+            inputs.extend(object.input.map(|input| {
+                let mut input = target.mirror.map_or(input.clone(), |axis| input.mirrored(axis));
+                target.jitter.iter().for_each(|jitter| jitter.picture(&mut input.image));
+                input
+            }));
             hull_points.extend(&target.hull_points, place, target.mirror);
             match target.seen {
                 SeenOrKnown::Views(views, hull) => {
@@ -164,6 +171,7 @@ impl BatchDrawer {
                         pixels.z_depth.truncate(first);
                         pixels.z_depth.extend(pixels.rays[first..].iter().map(|ray| hull.depth(ray)));
                     }
+                    target.jitter.iter().for_each(|jitter| jitter.colors(&mut pixels.color[3 * first..]));
                     if let Some(axis) = target.mirror {
                         pixels.rays[first..].iter_mut().for_each(|ray| *ray = axis.mirrored_ray(ray));
                     }
@@ -185,14 +193,16 @@ impl BatchDrawer {
         let mirror = self.config.mirror_axis().filter(|_| rng.random_bool(0.5));
         if self.config.train.supervision == Supervision::Occupancy {
             let seen = SeenOrKnown::Points(self.draw_points(object, rng)?);
-            return Ok(ObjectTargets { seen, hull_points: Vec::new(), mirror });
+            let jitter = ColorJitter::draw(self.config.color_jitter, rng);
+            return Ok(ObjectTargets { seen, hull_points: Vec::new(), mirror, jitter });
         }
         let hull = self.hulls.as_ref().map(|hulls| hulls.of(&self.dataset, object)).transpose()?;
         let count = self.config.hull_points();
         let near = (count as f64 * NEAR_SHARE).round() as usize;
         let hull_points = hull.as_ref().map_or_else(Vec::new, |hull| hull.draw_points(near, count - near, rng));
         let depth_of = hull.filter(|_| self.config.hull_stands_for_depth());
-        Ok(ObjectTargets { seen: SeenOrKnown::Views(self.draw_views(object, rng)?, depth_of), hull_points, mirror })
+        let seen = SeenOrKnown::Views(self.draw_views(object, rng)?, depth_of);
+        Ok(ObjectTargets { seen, hull_points, mirror, jitter: ColorJitter::draw(self.config.color_jitter, rng) })
     }
 
     fn draw_views(&self, object: usize, rng: &mut ChaCha8Rng) -> Result<Vec<View>> {

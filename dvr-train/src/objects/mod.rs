@@ -1,5 +1,6 @@
 //! One model for many objects: a picture in, a shape out (DVR, section 4.2; Mescheder et al. 2019, Occupancy Networks).
 
+mod color_jitter;
 pub(crate) mod config;
 mod draw;
 mod evaluate;
