@@ -53,6 +53,7 @@ mod gather;
 mod implicit_depth;
 mod march;
 mod shade;
+mod silhouette;
 mod skip;
 mod slope_rule;
 mod surface;
@@ -68,6 +69,7 @@ pub use march::{
     Bracket, Hits, HostRays, March, MarchSettings, Marcher, RayStatus, Rays, RootMethod, SnapshotMarcher, TensorMarcher,
 };
 pub use shade::{FieldShader, MeshShader, RenderSettings, Shaded, Shader};
+pub use silhouette::{FittedField, SilhouetteFit};
 pub use skip::SkipGrid;
 pub use slope_rule::{SlopeRule, dot};
 pub use surface::Surface;

@@ -146,7 +146,7 @@ impl Job<'_> {
             return Ok(false);
         }
         let input = input(&task.picture, self.args, self.size, self.masks.as_ref())?;
-        let input = InputPicture { image: input, camera: None };
+        let input = InputPicture { image: input, camera: None, mask: None };
         let prediction = predict(&self.model, &input, &self.options)?;
         for warning in &prediction.warnings {
             observer.note(&format!("{}: {warning}", task.picture.display()));

@@ -2,7 +2,7 @@
 
 use glam::{DMat3, DVec2};
 use image::imageops::{FilterType, flip_horizontal, overlay, resize};
-use image::{Rgb, RgbImage};
+use image::{GrayImage, ImageBuffer, Luma, Pixel, Rgb, RgbImage};
 
 use crate::camera::Camera;
 use crate::files::Photo;
@@ -16,6 +16,8 @@ pub struct InputPicture {
     pub image: RgbImage,
     /// Its camera in object space, where it is known.
     pub camera: Option<Camera>,
+    /// How much of each of its pixels shows the object, where that is known.
+    pub mask: Option<Mask>,
 }
 
 impl InputPicture {
@@ -25,6 +27,7 @@ impl InputPicture {
         Self {
             image: flip_horizontal(&self.image),
             camera: self.camera.as_ref().map(|camera| axis.mirrored_camera(camera)),
+            mask: self.mask.as_ref().map(|mask| Mask::from(flip_horizontal(&mask.coverage))),
         }
     }
 }
@@ -36,20 +39,42 @@ impl InputPicture {
 /// size than the picture is left out.
 pub fn input_picture(photo: &Photo, mask: Option<&Mask>, size: u32) -> RgbImage {
     let mut image = photo.image.clone();
-    let coverage = photo.alpha.as_ref().or(mask).filter(|mask| mask.size() == image.dimensions());
-    if let Some(mask) = coverage {
+    if let Some(mask) = mask_of(photo, mask) {
         for (pixel, coverage) in image.pixels_mut().zip(mask.coverage.pixels()) {
             *pixel = over_white(*pixel, coverage.0[0]);
         }
     }
+    squared(image, Rgb([255; 3]), size)
+}
+
+/// The mask of what [`input_picture`] makes of a picture; `None` where there is none of its size.
+pub(super) fn input_mask(photo: &Photo, mask: Option<&Mask>, size: u32) -> Option<Mask> {
+    let coverage = &mask_of(photo, mask)?.coverage;
+    let coverage = GrayImage::from_raw(coverage.width(), coverage.height(), coverage.to_vec())?;
+    Some(Mask::from(squared(coverage, Luma([0]), size)))
+}
+
+/// The alpha channel, or else the mask, of the picture's size.
+fn mask_of<'a>(photo: &'a Photo, mask: Option<&'a Mask>) -> Option<&'a Mask> {
+    photo.alpha.as_ref().or(mask).filter(|mask| mask.size() == photo.image.dimensions())
+}
+
+/// Padded to a square and scaled to `size` pixels.
+fn squared<P: Pixel<Subpixel = u8> + 'static>(
+    image: ImageBuffer<P, Vec<u8>>,
+    around: P,
+    size: u32,
+) -> ImageBuffer<P, Vec<u8>> {
     let (width, height) = image.dimensions();
-    if width != height {
-        let edge = width.max(height);
-        let mut square = RgbImage::from_pixel(edge, edge, Rgb([255; 3]));
+    let edge = width.max(height);
+    let square = if width == height {
+        image
+    } else {
+        let mut square = ImageBuffer::from_pixel(edge, edge, around);
         overlay(&mut square, &image, i64::from((edge - width) / 2), i64::from((edge - height) / 2));
-        image = square;
-    }
-    if image.width() == size { image } else { resize(&image, size, size, FilterType::Triangle) }
+        square
+    };
+    if edge == size { square } else { resize(&square, size, size, FilterType::Triangle) }
 }
 
 /// The camera of what [`input_picture`] makes of a picture with this camera.

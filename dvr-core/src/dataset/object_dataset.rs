@@ -11,7 +11,7 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-use super::input_picture::{InputPicture, input_camera, input_picture};
+use super::input_picture::{InputPicture, input_camera, input_mask, input_picture};
 use super::layouts::dvr::{find_views, read_ground_truth, read_occupancy};
 use super::load::load_view;
 use super::object_files::IMAGE_FOLDERS;
@@ -188,6 +188,7 @@ impl ObjectDataset {
         Ok(InputPicture {
             image: input_picture(&photo, mask.as_ref(), size),
             camera: camera.map(|camera| input_camera(&camera, size)),
+            mask: input_mask(&photo, mask.as_ref(), size),
         })
     }
 

@@ -7,7 +7,7 @@ use dvr_core::mesh::Mesh;
 use dvr_core::{Camera, MirrorAxis, Supervision, UnitCube};
 use dvr_model::{ImageModel, ObjectField};
 use dvr_render::extract::{ExtractSettings, FieldSurface, ScalarField};
-use dvr_render::{MarchSettings, RenderSettings, SkipGrid};
+use dvr_render::{FittedField, MarchSettings, RenderSettings, SilhouetteFit, SkipGrid};
 use glam::Vec3;
 
 use super::config::ObjectsConfig;
@@ -32,6 +32,15 @@ const SHARE_OF_LARGEST: f64 = 0.8;
 pub struct FieldsModel {
     config: ObjectsConfig,
     model: ImageModel,
+}
+
+/// Which object a model is asked for.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Asked<'a> {
+    /// The one in a picture.
+    Picture(&'a InputPicture),
+    /// The training object with this place among them.
+    Row(usize),
 }
 
 impl FieldsModel {
@@ -73,15 +82,14 @@ impl FieldsModel {
         field_of(&self.model, None, row as i64, None, &self.device())
     }
 
-    /// The shape of what it sees, `see` being the same question to it and to itself with another threshold; empty where there is
-    /// nothing to see.
+    /// The shape of an object; empty where there is nothing to see.
     ///
     /// # Errors
     /// When a surface needs more memory than there is.
-    pub(crate) fn shape(&self, see: impl Fn(&Self) -> ObjectField, extraction: &ExtractSettings) -> Result<Shape> {
+    pub(crate) fn shape(&self, of: Asked, extraction: &ExtractSettings) -> Result<Shape> {
         let options =
             MeshOptions { extraction: extraction.clone(), colors: ColorSource::Field, ..MeshOptions::default() };
-        match self.mesh(see, &options) {
+        match self.mesh(of, &options) {
             Ok(extracted) => Ok(Shape::Mesh(extracted.mesh)),
             Err(Error::NoMesh(_)) => Ok(Shape::Mesh(Mesh::default())),
             Err(other) => Err(other),
@@ -94,17 +102,15 @@ impl FieldsModel {
     ///
     /// # Errors
     /// When there is no surface at all, or it needs more memory than there is.
-    pub(crate) fn mesh(&self, see: impl Fn(&Self) -> ObjectField, options: &MeshOptions) -> Result<ObjectMesh> {
-        let field = see(self);
-        let mut extracted = match object_mesh(&FieldSurface::new(&field), options, &[], &[]) {
+    pub(crate) fn mesh(&self, of: Asked, options: &MeshOptions) -> Result<ObjectMesh> {
+        let mut extracted = match self.mesh_at_threshold(of, options) {
             Err(Error::NoMesh(reason)) => {
-                let logit = largest_logit(&field) + self.config.surface_logit();
+                let logit = largest_logit(&self.field(of)) + self.config.surface_logit();
                 let threshold = SHARE_OF_LARGEST / (1.0 + (-logit).exp());
                 if !(threshold > 0.0 && threshold < self.config.threshold) {
                     return Err(Error::NoMesh(reason));
                 }
-                let field = see(&self.clone().with_threshold(threshold));
-                let mut lower = object_mesh(&FieldSurface::new(&field), options, &[], &[])?;
+                let mut lower = self.clone().with_threshold(threshold).mesh_at_threshold(of, options)?;
                 lower.warnings.push(format!(
                     "no point is as likely inside as the threshold of {}: the surface lies at {threshold:.3}",
                     self.config.threshold
@@ -117,6 +123,29 @@ impl FieldsModel {
             extracted.mesh.colors = None;
         }
         Ok(extracted)
+    }
+
+    /// With the silhouette of the picture, where features of places tell how its camera sees the object.
+    fn mesh_at_threshold(&self, of: Asked, options: &MeshOptions) -> Result<ObjectMesh> {
+        let field = self.field(of);
+        let surface = FieldSurface::new(&field);
+        match self.silhouette_fit(&surface, of) {
+            Some(fit) => object_mesh(&FittedField { field: &surface, fit: &fit }, options, fit.raised(), &[]),
+            None => object_mesh(&surface, options, &[], &[]),
+        }
+    }
+
+    fn silhouette_fit(&self, surface: &impl ScalarField, of: Asked) -> Option<SilhouetteFit> {
+        let Asked::Picture(picture) = of else { return None };
+        let (camera, mask) = (picture.camera.as_ref()?, picture.mask.as_ref()?);
+        self.config.encoder.local_channels().and_then(|_| SilhouetteFit::new(surface, camera, mask))
+    }
+
+    fn field(&self, of: Asked) -> ObjectField {
+        match of {
+            Asked::Picture(picture) => self.field_of_picture(picture),
+            Asked::Row(row) => self.field_of_row(row),
+        }
     }
 
     fn device(&self) -> Device {

@@ -10,7 +10,7 @@ use dvr_model::{EncoderConfig, RecordError, save_safetensors};
 use dvr_render::extract::ExtractSettings;
 
 use super::config::ObjectsConfig;
-use super::model::FieldsModel;
+use super::model::{Asked, FieldsModel};
 use super::shape::Shape;
 use super::systems::config::SystemConfig;
 use super::systems::model::SystemModel;
@@ -91,7 +91,7 @@ impl ObjectModel {
     /// When a surface needs more memory than there is.
     pub fn shape_of_picture(&self, picture: &InputPicture, extraction: &ExtractSettings) -> Result<Shape> {
         match self {
-            Self::Fields(model) => model.shape(|model| model.field_of_picture(picture), extraction),
+            Self::Fields(model) => model.shape(Asked::Picture(picture), extraction),
             Self::System(model) => Ok(model.shape(Some(picture), 0, extraction)),
         }
     }
@@ -102,7 +102,7 @@ impl ObjectModel {
     /// When a surface needs more memory than there is.
     pub fn shape_of_row(&self, row: usize, extraction: &ExtractSettings) -> Result<Shape> {
         match self {
-            Self::Fields(model) => model.shape(|model| model.field_of_row(row), extraction),
+            Self::Fields(model) => model.shape(Asked::Row(row), extraction),
             Self::System(model) => Ok(model.shape(None, row as i64, extraction)),
         }
     }

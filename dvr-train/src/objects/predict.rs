@@ -10,6 +10,7 @@ use image::imageops::{FilterType, resize};
 use crate::error::{Error, Result};
 use crate::export::mesh::MeshOptions;
 use crate::export::preview::{normal_picture, orbit_camera, sheet, to_rgb8};
+use crate::objects::model::Asked;
 use crate::objects::object_model::ObjectModel;
 use crate::objects::shape::Shape;
 
@@ -37,7 +38,7 @@ pub fn predict(model: &ObjectModel, picture: &InputPicture, options: &MeshOption
     model.picture_size()?;
     let (shape, warnings) = match model {
         ObjectModel::Fields(model) => {
-            let extracted = model.mesh(|model| model.field_of_picture(picture), options)?;
+            let extracted = model.mesh(Asked::Picture(picture), options)?;
             (Shape::Mesh(extracted.mesh), extracted.warnings)
         }
         ObjectModel::System(model) => (model.shape(Some(picture), 0, &options.extraction), Vec::new()),

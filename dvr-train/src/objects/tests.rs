@@ -236,7 +236,7 @@ fn a_field_that_nowhere_comes_to_its_threshold_has_a_surface_all_the_same() {
     let options = MeshOptions { extraction: extraction.clone(), ..MeshOptions::default() };
     let none = object_mesh(&FieldSurface::new(sure.field_of_picture(&picture)), &options, &[], &[]);
     assert!(matches!(none, Err(crate::error::Error::NoMesh(_))));
-    let Shape::Mesh(mesh) = sure.shape(|model| model.field_of_picture(&picture), &extraction).unwrap() else {
+    let Shape::Mesh(mesh) = sure.shape(super::model::Asked::Picture(&picture), &extraction).unwrap() else {
         panic!("a surface")
     };
     assert!(!mesh.is_empty());
@@ -307,13 +307,16 @@ fn training_goes_on_after_a_break_as_if_there_had_been_none() {
     let codes = EncoderConfig::Codes { objects: 6 };
     let convolutional = small(Supervision::Rgb).encoder;
     let local = EncoderConfig::Local { image_size: 63, width: 2, channels: 3 };
+    let local_bn = EncoderConfig::LocalBn { image_size: 32, width: 2, channels: 3 };
     for (encoder, supervision) in [
         (convolutional, Supervision::RgbDepth),
         (resnet, Supervision::Rgb),
         (local, Supervision::Rgb),
+        (local_bn, Supervision::Rgb),
         (codes, Supervision::Occupancy),
     ] {
-        let config = ObjectsConfig { encoder, mirror: Mirror::Z, hull_occupancy: 1.0, ..small(supervision) };
+        let config =
+            ObjectsConfig { encoder, mirror: Mirror::Z, hull_occupancy: 1.0, color_jitter: 0.4, ..small(supervision) };
         let new = newborn(&dataset, &config);
         let mut whole = new();
         (0..4).for_each(|_| drop(whole.step().unwrap()));
