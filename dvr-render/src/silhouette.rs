@@ -1,6 +1,6 @@
 //! A field made to fit the silhouette that one picture shows.
 
-use dvr_core::{Camera, Mask, UnitCube};
+use dvr_core::{Bilinear, Camera, Mask, UnitCube};
 use glam::{Vec2, Vec3};
 
 use crate::field::scalar::ScalarField;
@@ -93,20 +93,21 @@ impl SilhouetteFit {
         let intrinsics = self.camera.intrinsics.as_mat3();
         let projected = intrinsics * seen;
         let pixel = Vec2::new(projected.x, projected.y) / projected.z;
-        // The middle of the first pixel is at .5.
+        // Beyond the outermost centres, the value there.
         let place = pixel - 0.5;
         let last = Vec2::new((width - 1) as f32, (height - 1) as f32);
         let within = place.clamp(Vec2::ZERO, last);
-        let first = within.floor();
-        let (column, row) = (first.x as usize, first.y as usize);
-        let share = within - first;
-        let shift = |column: usize, row: usize| self.shift[row.min(height - 1) * width + column.min(width - 1)];
-        let [a, b] = [shift(column, row), shift(column + 1, row)];
-        let [c, d] = [shift(column, row + 1), shift(column + 1, row + 1)];
-        let (upper, lower) = (a + (b - a) * share.x, c + (d - c) * share.x);
-        let value = upper + (lower - upper) * share.y;
-        let by_column = if place.x == within.x { (b - a) + ((d - c) - (b - a)) * share.y } else { 0.0 };
-        let by_row = if place.y == within.y { lower - upper } else { 0.0 };
+        let (u, v) = (within.x as u32, within.y as u32);
+        let next = |at: u32, count: usize| (at + 1).min(count as u32 - 1);
+        let between = Bilinear {
+            pixels: [(u, v), (next(u, width), v), (u, next(v, height)), (next(u, width), next(v, height))],
+            fraction: within.fract().to_array(),
+        };
+        let shifts = between.pixels.map(|(u, v)| self.shift[v as usize * width + u as usize]);
+        let value = between.value(shifts);
+        let [by_column, by_row] = between.derivatives(shifts);
+        let by_column = if place.x == within.x { by_column } else { 0.0 };
+        let by_row = if place.y == within.y { by_row } else { 0.0 };
         // d pixel / d seen, of intrinsics without projective part.
         let rows = intrinsics * self.camera.rotation.as_mat3();
         let along = |axis: usize| {
