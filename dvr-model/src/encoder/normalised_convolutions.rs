@@ -33,7 +33,7 @@ pub(super) fn normalised_convolutions(images: Tensor<4>, layers: &[NormalisedCon
         of = convolution.to;
     }
     let pixels = images.permute([0, 2, 3, 1]).into_data().iter::<f32>().collect();
-    let function = Convolutions { layers: sizes.clone(), first, pixels, passes: OnceLock::new() };
+    let function = NormalisedLayers { layers: sizes.clone(), first, pixels, passes: OnceLock::new() };
     let found = host_function(Tensor::cat(inputs, 0), Arc::new(function));
     let mut at = 0;
     let mut next = |count: usize| {
@@ -139,7 +139,7 @@ fn sums(values: &[f32], channels: usize, of: impl Fn(f32, usize) -> f64) -> Vec<
 /// The function. Its value are the maps from layer `first` on, pixel by pixel, and behind them mean and variance of each layer's
 /// channels.
 #[derive(Debug)]
-struct Convolutions {
+struct NormalisedLayers {
     layers: Vec<Layer>,
     first: usize,
     /// The pictures.
@@ -148,7 +148,7 @@ struct Convolutions {
     passes: OnceLock<Vec<Passed>>,
 }
 
-impl Convolutions {
+impl NormalisedLayers {
     fn passes(&self, inputs: &[f32]) -> &[Passed] {
         self.passes.get_or_init(|| {
             let (mut passes, mut rest): (Vec<Passed>, _) = (Vec::new(), inputs);
@@ -163,7 +163,7 @@ impl Convolutions {
     }
 }
 
-impl HostFunction for Convolutions {
+impl HostFunction for NormalisedLayers {
     fn value(&self, inputs: &[f32]) -> Vec<f32> {
         let passes = self.passes(inputs);
         let mut value: Vec<f32> = passes[self.first..].iter().flat_map(|passed| &passed.map).copied().collect();
