@@ -96,8 +96,8 @@ fn training_stops_in_every_phase_and_goes_on() {
     let tiny = Tiny::new();
     let (scene, run) = (tiny.scene(), tiny.path("run"));
     let of_method = [
-        &["--steps", "60", "--capacity", "64", "--resolution", "128"][..],
-        &[&SMALL[..], &["--steps", "60", "--resolution", "128"]].concat(),
+        &["--steps", "60", "--capacity", "64", "--resolution", "96"][..],
+        &[&SMALL[..], &["--steps", "60", "--resolution", "96"]].concat(),
     ];
     for more in of_method {
         let args = [&["train", text(&scene), "--out", text(&run)][..], more].concat();
@@ -132,9 +132,9 @@ fn commands_on_a_run_stop_everywhere() {
     succeeds(&dvr(&train));
     let (mesh, page) = (tiny.path("big.ply"), tiny.path("page.html"));
     let commands: [&[&str]; 4] = [
-        &["mesh", text(&run), "--out", text(&mesh), "--resolution", "384"],
-        &["render", text(&run), "--out", text(&out), "--frames", "40", "--size", "256"],
-        &["eval", text(&run), "--resolution", "256"],
+        &["mesh", text(&run), "--out", text(&mesh), "--resolution", "256"],
+        &["render", text(&run), "--out", text(&out), "--frames", "40", "--size", "128"],
+        &["eval", text(&run), "--resolution", "128"],
         &["report", text(&run), "--out", text(&page)],
     ];
     for args in commands {
@@ -151,7 +151,9 @@ fn commands_on_a_run_stop_everywhere() {
 fn commands_that_run_others_stop_with_them() {
     let tiny = Tiny::new();
     let (scene, out) = (tiny.scene(), tiny.path("out"));
-    let bench = ["bench", text(&scene), "--out", text(&out), "--methods", "hull,grid", "--seeds", "1"];
+    let bench = ["bench", text(&scene), "--out", text(&out), "--methods", "hull", "--seeds", "1"];
+    // A grid of few cells and steps beside it.
+    let bench = [&bench[..], &["--variant", r#"small:steps=60,capacity={"cells":32}"#]].concat();
     let stress = ["stress", "--out", text(&out), "--axis", "genus", "--methods", "hull"];
     for args in [&bench[..], &stress] {
         let under_way = stop_everywhere(&tiny, args, 3, || remove(&out));
