@@ -86,7 +86,8 @@ impl Source {
 /// What the marks say.
 pub const SOURCES: &str = "Published: mean Chamfer-L1 of ShapeNet's thirteen categories, Niemeyer et al. 2020, table 1, which has neither \
 PSGN nor AtlasNet; (a) of its three categories airplane, car and chair. What \
-Pixel2Mesh has there could not be looked up. It and rows with features of places know the camera of the picture; the others do not.";
+Pixel2Mesh has there could not be looked up. It and rows with features of places know the camera of the picture, and these its \
+mask, too, whose silhouette their shapes have; the others know neither.";
 
 use Group::{DepthMaps, Lookup, Pictures, Shapes};
 use Maker::{Baseline, Training, WithEncoder};
