@@ -114,7 +114,7 @@ mod tests {
 
     #[test]
     fn an_unknown_backend_is_refused_with_the_names_of_all() {
-        for text in ["", "tpu", "cpu:1", "GPU", "cuda0"] {
+        for text in ["", "tpu", "cpu:1", "GPU", "cuda:first"] {
             assert!(text.parse::<Backend>().is_err_and(|problem| problem.contains("gpu:N")), "{text}");
         }
         assert!("gpu:first".parse::<Backend>().is_err_and(|problem| problem.contains("dvr devices")));
