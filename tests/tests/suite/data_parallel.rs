@@ -4,14 +4,14 @@ use burn::tensor::Device;
 use dvr_core::mesh::shapes;
 use dvr_model::DecoderConfig;
 use dvr_render::{Field, Query};
-use dvr_tests::{gpu, numbers, relative_difference, rendered_scene, seeded, tensor3, test_with};
+use dvr_tests::{devices, gpu, numbers, relative_difference, rendered_scene, seeded, tensor3, test_with};
 use dvr_train::{Supervision, TrainConfig, Trainer};
 
 const STEPS: usize = 6;
 
 #[test]
 fn several_devices_train_as_one_does() {
-    let helpers = [Device::flex(), Device::flex()];
+    let helpers: Vec<Device> = devices().into_iter().map(|(_, device)| device).collect();
     trains_as_alone(&helpers[..1]);
     trains_as_alone(&helpers);
 }
