@@ -5,7 +5,7 @@ use std::str::FromStr;
 
 use anyhow::{Result, bail};
 use burn::tensor::Device;
-use dvr_train::{Hardware, Method};
+use dvr_train::Method;
 
 /// A backend with its device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -16,21 +16,17 @@ pub enum Backend {
     Gpu(usize),
     /// An NVIDIA GPU through CUDA, by its number there.
     Cuda(usize),
-    /// burn-ndarray: burn's older CPU backend, for comparisons.
-    Ndarray,
 }
 
 /// For `--help`.
 pub const HELP: &str = "Where to compute: cpu; gpu or gpu:N (Vulkan, Metal, DirectX 12; `dvr devices` lists them); where built in, \
-    also cuda or cuda:N, and ndarray (burn's older CPU backend)";
+    also cuda or cuda:N";
 
 impl Backend {
     /// The device, without autodiff.
     ///
     /// # Errors
     /// When this program was built without the backend, or the device does not exist or cannot be opened.
-    // burn deprecates burn-ndarray; here it is an optional reference behind a feature.
-    #[cfg_attr(feature = "ndarray", allow(deprecated))]
     pub fn device(self) -> Result<Device> {
         match self {
             Self::Cpu => Ok(Device::flex()),
@@ -38,8 +34,6 @@ impl Backend {
             Self::Gpu(index) => crate::gpu::open(index),
             #[cfg(feature = "cuda")]
             Self::Cuda(index) => crate::gpu::open_cuda(index),
-            #[cfg(feature = "ndarray")]
-            Self::Ndarray => Ok(Device::ndarray()),
             #[allow(unreachable_patterns)]
             _ => {
                 let feature = self.to_string();
@@ -51,29 +45,15 @@ impl Backend {
         }
     }
 
-    /// The device on which a method trains. The visual hull has no steps to train, and grids do not use a second CPU
-    /// backend; a note says so where something else was asked for.
+    /// The device on which a method trains. The visual hull has no steps to train: a note says so where a GPU
+    /// was asked for.
     ///
     /// # Errors
     /// As [`Backend::device`].
     pub fn training_device(self, method: &dyn Method) -> Result<Device> {
-        match (method.hardware(), self) {
-            (Hardware::Cpu, Self::Gpu(_) | Self::Cuda(_)) | (Hardware::Cpu | Hardware::OwnKernels, Self::Ndarray) => {
-                let name = method.name();
-                eprintln!("note: --method {name} is computed on the CPU; --backend {self} has no effect");
-                Ok(Device::flex())
-            }
-            _ => self.device(),
-        }
-    }
-
-    /// The device for a trained model. Grids do not use a second CPU backend; a note says so where it was asked for.
-    ///
-    /// # Errors
-    /// As [`Backend::device`].
-    pub fn device_for(self, method: &dyn Method) -> Result<Device> {
-        if method.hardware() != Hardware::Tensors && self == Self::Ndarray {
-            eprintln!("note: grids use no tensors on the CPU; --backend {self} has no effect");
+        if self != Self::Cpu && !method.trains_on_gpu() {
+            let name = method.name();
+            eprintln!("note: --method {name} is computed on the CPU; --backend {self} has no effect");
             return Ok(Device::flex());
         }
         self.device()
@@ -99,7 +79,6 @@ impl fmt::Display for Backend {
             Self::Cpu => write!(f, "cpu"),
             Self::Gpu(index) => write!(f, "gpu:{index}"),
             Self::Cuda(index) => write!(f, "cuda:{index}"),
-            Self::Ndarray => write!(f, "ndarray"),
         }
     }
 }
@@ -116,8 +95,7 @@ impl FromStr for Backend {
             ("cpu", None) => Ok(Self::Cpu),
             ("gpu", _) => Ok(Self::Gpu(index?)),
             ("cuda", _) => Ok(Self::Cuda(index?)),
-            ("ndarray", None) => Ok(Self::Ndarray),
-            _ => Err("expected cpu, gpu, gpu:N, cuda, cuda:N or ndarray".into()),
+            _ => Err("expected cpu, gpu, gpu:N, cuda or cuda:N".into()),
         }
     }
 }
@@ -136,7 +114,7 @@ mod tests {
 
     #[test]
     fn an_unknown_backend_is_refused_with_the_names_of_all() {
-        for text in ["", "tpu", "cpu:1", "GPU", "ndarray:0"] {
+        for text in ["", "tpu", "cpu:1", "GPU", "cuda0"] {
             assert!(text.parse::<Backend>().is_err_and(|problem| problem.contains("gpu:N")), "{text}");
         }
         assert!("gpu:first".parse::<Backend>().is_err_and(|problem| problem.contains("dvr devices")));

@@ -2,16 +2,11 @@
 //!
 //! What burn's graph does in some fifty operations, each of which allocates and goes through memory, is one operation here.
 
-// Upstream deprecates burn-ndarray; here it is only a second backend to compare with, behind a feature.
-#![allow(deprecated)]
-
 use std::fmt::Debug;
 use std::sync::Arc;
 
 #[cfg(feature = "gpu")]
 use burn::backend::Cube;
-#[cfg(feature = "ndarray")]
-use burn::backend::NdArray;
 use burn::backend::autodiff::checkpoint::base::Checkpointer;
 use burn::backend::autodiff::checkpoint::strategy::CheckpointStrategy;
 use burn::backend::autodiff::grads::Gradients;
@@ -41,7 +36,7 @@ pub(crate) fn host_function(inputs: Tensor<1>, function: Arc<dyn HostFunction>) 
 }
 
 /// The operation as an extension of burn's backends; use [`host_function`].
-#[backend_extension(Autodiff, Flex, NdArray: cfg(feature = "ndarray"), Cube: cfg(feature = "gpu"))]
+#[backend_extension(Autodiff, Flex, Cube: cfg(feature = "gpu"))]
 pub(crate) trait OnHost: Backend {
     /// `[n]` to as many numbers as the function has.
     fn host_function(inputs: FloatTensor<Self>, function: Arc<dyn HostFunction>) -> FloatTensor<Self> {
@@ -51,9 +46,6 @@ pub(crate) trait OnHost: Backend {
 }
 
 impl OnHost for Flex {}
-
-#[cfg(feature = "ndarray")]
-impl OnHost for NdArray {}
 
 #[cfg(feature = "gpu")]
 impl OnHost for Cube {}

@@ -5,13 +5,8 @@
 //! gradient, and can be gathered in turn ([`DistinctRows`]). Where rows repeat, the sum is a matrix product
 //! ([`gather_rows`]). Both add in a fixed order: the same bits in every run.
 
-// Upstream deprecates burn-ndarray; here it is only a second backend to compare with, behind a feature.
-#![allow(deprecated)]
-
 #[cfg(feature = "gpu")]
 use burn::backend::Cube;
-#[cfg(feature = "ndarray")]
-use burn::backend::NdArray;
 use burn::backend::autodiff::checkpoint::base::Checkpointer;
 use burn::backend::autodiff::checkpoint::strategy::CheckpointStrategy;
 use burn::backend::autodiff::grads::Gradients;
@@ -72,7 +67,7 @@ pub fn gather_rows(values: Tensor<2>, index: Tensor<1, Int>) -> Tensor<2> {
 }
 
 /// The operations as an extension of burn's backends; use [`DistinctRows`] and [`gather_rows`].
-#[backend_extension(Autodiff, Flex, NdArray: cfg(feature = "ndarray"), Cube: cfg(feature = "gpu"))]
+#[backend_extension(Autodiff, Flex, Cube: cfg(feature = "gpu"))]
 pub trait GatherRows: Backend {
     /// `[m, c]` and `[n]` to `[n, c]`.
     fn gather_rows(values: FloatTensor<Self>, index: IntTensor<Self>) -> FloatTensor<Self> {
@@ -101,11 +96,6 @@ pub trait ScatterAddRows: GatherRows {
 
 impl GatherRows for Flex {}
 impl ScatterAddRows for Flex {}
-
-#[cfg(feature = "ndarray")]
-impl GatherRows for NdArray {}
-#[cfg(feature = "ndarray")]
-impl ScatterAddRows for NdArray {}
 
 #[cfg(feature = "gpu")]
 impl GatherRows for Cube {}

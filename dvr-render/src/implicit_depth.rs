@@ -6,13 +6,8 @@
 //! latent codes, and, if the point was put together on the graph, ray origin and direction (`dd/dr0 = -g/s`,
 //! `dd/dw = -d g/s`), hence cameras.
 
-// Upstream deprecates burn-ndarray; here it is only a second backend to compare with, behind a feature.
-#![allow(deprecated)]
-
 #[cfg(feature = "gpu")]
 use burn::backend::Cube;
-#[cfg(feature = "ndarray")]
-use burn::backend::NdArray;
 use burn::backend::autodiff::checkpoint::base::Checkpointer;
 use burn::backend::autodiff::checkpoint::strategy::CheckpointStrategy;
 use burn::backend::autodiff::grads::Gradients;
@@ -37,7 +32,7 @@ pub fn implicit_depth(occupancy_logit: Tensor<1>, depth: Tensor<1>, inverse_slop
 }
 
 /// The operation as an extension of burn's backends; use [`implicit_depth`].
-#[backend_extension(Autodiff, Flex, NdArray: cfg(feature = "ndarray"), Cube: cfg(feature = "gpu"))]
+#[backend_extension(Autodiff, Flex, Cube: cfg(feature = "gpu"))]
 pub trait ImplicitDepth: Backend {
     /// Returns `depth` unchanged; only the autodiff backend has more to do.
     fn implicit_depth(
@@ -51,9 +46,6 @@ pub trait ImplicitDepth: Backend {
 }
 
 impl ImplicitDepth for Flex {}
-
-#[cfg(feature = "ndarray")]
-impl ImplicitDepth for NdArray {}
 
 #[cfg(feature = "gpu")]
 impl ImplicitDepth for Cube {}

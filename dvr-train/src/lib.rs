@@ -85,7 +85,7 @@ pub use methods::grid::{GridMethod, grid};
 pub use methods::host_memory::{HostMemory, MemoryShares, check_host_memory};
 pub use methods::hull::hull;
 pub use methods::memory_estimate::check_memory;
-pub use methods::method::{Hardware, Method, Needs, ObjectsTraining, Schedule, Start};
+pub use methods::method::{Method, Needs, ObjectsTraining, Schedule, Start};
 pub use methods::network::network;
 pub use methods::object_model::load_object;
 pub use methods::objects::{ObjectsMethod, objects, objects_classic, onet};

@@ -119,22 +119,11 @@ pub fn numbers<const D: usize>(tensor: Tensor<D>) -> Vec<f64> {
     tensor.into_data().iter::<f64>().collect()
 }
 
-/// The devices that the suites run on, in single precision.
-// Upstream deprecates burn-ndarray; here it is the second implementation to compare with.
-#[allow(deprecated)]
-pub fn devices() -> Vec<(&'static str, Device)> {
-    vec![("flex", Device::flex()), ("ndarray", Device::ndarray())]
-}
-
-/// The same in double precision. The choice holds for the whole process: only for tests with a binary of their own.
-pub fn double_precision_devices() -> Vec<(&'static str, Device)> {
+/// The CPU in double precision. The choice holds for the whole process: only for tests with a binary of their own.
+pub fn double_precision_device() -> Device {
     static ONCE: std::sync::Once = std::sync::Once::new();
-    ONCE.call_once(|| {
-        for (_, mut device) in devices() {
-            device.configure(FloatDType::F64).unwrap_or_else(|e| panic!("{e:?}"));
-        }
-    });
-    devices()
+    ONCE.call_once(|| Device::flex().configure(FloatDType::F64).unwrap_or_else(|e| panic!("{e:?}")));
+    Device::flex()
 }
 
 /// A scene of an object, rendered from `views` sides at `pixels` by `pixels`, as it is read from the disk.

@@ -199,7 +199,7 @@ fn with_masks<'a>(views: &[&'a View]) -> Result<Vec<&'a View>> {
 fn of_run(args: &EvalArgs, subject: &Path, checkpoint: &Checkpoint, cancellation: &Cancellation) -> Result<Report> {
     refuse_other_reading(&args.reading, checkpoint)?;
     let scene: Scene = scene_of_run(checkpoint, args.data.as_ref(), args.reading.memory, cancellation)?;
-    let device = args.backend.backend.device_for(method_of(&checkpoint.header.method)?.as_ref())?;
+    let device = args.backend.backend.device()?;
     memory::limit(&device, args.reading.memory);
     let model = load_model(checkpoint, None, &device)?;
     let options = mesh_options(&args.meshing, SCENE_RESOLUTION, cancellation).following(model.cells());

@@ -42,7 +42,7 @@ pub fn run(args: &MeshArgs, cancellation: &Cancellation) -> Result<ExitCode> {
         Some(_) if args.scale.is_empty() => None,
         Some(_) => bail!("--scale needs a photograph of the object, and a model of many objects has no single scene"),
     };
-    let device = args.backend.backend.device_for(method.as_ref())?;
+    let device = args.backend.backend.device()?;
     memory::limit(&device, args.memory.memory);
     let model = load_model(&checkpoint, args.object, &device)?;
     let options = options.following(model.cells());

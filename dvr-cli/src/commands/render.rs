@@ -55,7 +55,7 @@ fn of_run(args: &RenderArgs, claim: Claim, turntable: &Turntable, cancellation: 
     if args.backend.backend != Backend::Cpu && pictures.as_ref().is_some_and(|pictures| pictures.of().is_mesh()) {
         eprintln!("note: pictures are of the run's mesh, which rays meet on the CPU");
     }
-    let device = args.backend.backend.device_for(dvr_train::method_of(&checkpoint.header.method)?.as_ref())?;
+    let device = args.backend.backend.device()?;
     memory::limit(&device, args.memory.memory);
     let model = load_model(&checkpoint, args.object, &device)?;
     let needs_scene = args.cameras == Cameras::Dataset || (args.up.is_none() && args.cameras == Cameras::Orbit);

@@ -38,10 +38,10 @@ impl Resnet18 {
     }
 }
 
-/// Images as ImageNet classifiers take them: mean 0 and deviation 1 per channel over ImageNet.
+/// Images as ImageNet classifiers take them: mean 0 and deviation 1 per channel over ImageNet, in the images' precision.
 pub(super) fn normalised(images: Tensor<4>) -> Tensor<4> {
-    let device = images.device();
-    let [mean, deviation] = IMAGENET.map(|values| Tensor::<1>::from_floats(values, &device).reshape([1, 3, 1, 1]));
+    let place = (&images.device(), images.dtype());
+    let [mean, deviation] = IMAGENET.map(|values| Tensor::<1>::from_data(values, place).reshape([1, 3, 1, 1]));
     (images - mean) / deviation
 }
 

@@ -13,7 +13,7 @@ use crate::learners::learner::Learner;
 #[cfg(feature = "gpu")]
 use crate::methods::grid_model::GpuGridModel;
 use crate::methods::grid_model::GridModel;
-use crate::methods::method::{Hardware, Method, Needs, Schedule, Start, check_scene_supervision};
+use crate::methods::method::{Method, Needs, Schedule, Start, check_scene_supervision};
 use crate::methods::overrides::{overridden, visible};
 use crate::methods::record::CommonSettings;
 use crate::methods::trained_model::TrainedModel;
@@ -112,8 +112,8 @@ impl Method for GridMethod {
         Some(self.config.last_cells())
     }
 
-    fn hardware(&self) -> Hardware {
-        if self.config.steps == 0 { Hardware::Cpu } else { Hardware::OwnKernels }
+    fn trains_on_gpu(&self) -> bool {
+        self.config.steps > 0
     }
 
     fn is_compact(&self) -> bool {

@@ -76,9 +76,9 @@ pub trait Method: Debug + Send + Sync {
         Ok(Vec::new())
     }
 
-    /// What computes it.
-    fn hardware(&self) -> Hardware {
-        Hardware::Tensors
+    /// Whether a GPU can train it. If not, one can still render the result.
+    fn trains_on_gpu(&self) -> bool {
+        true
     }
 
     /// Whether the stored model is worth a file of its own: compact, and whole without the checkpoint.
@@ -226,17 +226,6 @@ pub struct Needs {
     pub depth: bool,
     /// Sparse points.
     pub sparse_points: bool,
-}
-
-/// What computes a method.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Hardware {
-    /// Tensors, on any device of burn.
-    Tensors,
-    /// Its own code, on the CPU or a GPU: other CPU backends change nothing.
-    OwnKernels,
-    /// Its own code, on the CPU; a GPU can still render the result.
-    Cpu,
 }
 
 /// Refuses supervision by occupancy samples, which only datasets of many objects have.

@@ -136,51 +136,50 @@ impl Case {
 
 #[test]
 fn marching_agrees_with_the_reference_code_or_with_brute_force_where_that_is_wrong() {
-    for (device_name, device) in double_precision_devices() {
-        for (name, code_dim) in FILES {
-            let mut case = Case::open(name, code_dim, &device);
-            let (ours, starts_inside) = case.march();
-            let reference_depth = case.fixture.numbers("f64.d_pred");
-            let reference_hit = case.fixture.truths("f64.mask");
-            let reference_free = case.fixture.truths("f64.mask_0_not_occupied");
-            // 16 steps are too few to tell brute force and marching apart only where both samplings see the surface.
-            let dense = case.fixture.number("n_steps") >= 128.0;
-            for ray in 0..ours.len() {
-                let context = format!("{device_name} {name} ray {ray} label {}", case.labels[ray]);
-                let reference = reference_hit[ray].then_some(reference_depth[ray]);
-                match case.labels[ray] {
-                    // The same samples, the same root search: the same depth to rounding.
-                    label::CAMERA | label::AWAY | label::AXIS_ALIGNED | label::DIRECTION_LENGTH => {
-                        let in_cube = UnitCube::default().intersect(&case.rays[ray]).is_some();
-                        if in_cube {
-                            assert_eq!(ours[ray].is_some(), reference.is_some(), "{context}");
-                            assert_eq!(starts_inside[ray], !reference_free[ray], "{context}");
-                            if let (Some(ours), Some(reference)) = (ours[ray], reference) {
-                                let scale = case.rays[ray].direction.length().recip().max(1.0);
-                                assert!((ours - reference).abs() < 1e-7 * scale, "{context}: {ours} {reference}");
-                            }
-                        } else {
-                            // Faults 2 and 3: the reference code marches rays that miss the cube, or pass it behind them.
-                            assert_eq!(ours[ray], None, "{context}");
-                        }
-                    }
-                    label::MISSES_CUBE => assert_eq!(ours[ray], None, "{context}"),
-                    // Fault 1: from inside the cube the reference code starts behind or before the first surface. Fault 3:
-                    // rays through an edge or a corner fall back to coarse samples. Truth is the brute force.
-                    label::INSIDE | label::NEAR_CENTER | label::THROUGH_EDGE => {
-                        if !dense || device_name != "flex" {
-                            continue;
-                        }
-                        let truth = case.brute_force(ray);
-                        assert_eq!(ours[ray].is_some(), truth.is_some(), "{context}");
-                        if let (Some(ours), Some(truth)) = (ours[ray], truth) {
+    let device = double_precision_device();
+    for (name, code_dim) in FILES {
+        let mut case = Case::open(name, code_dim, &device);
+        let (ours, starts_inside) = case.march();
+        let reference_depth = case.fixture.numbers("f64.d_pred");
+        let reference_hit = case.fixture.truths("f64.mask");
+        let reference_free = case.fixture.truths("f64.mask_0_not_occupied");
+        // 16 steps are too few to tell brute force and marching apart only where both samplings see the surface.
+        let dense = case.fixture.number("n_steps") >= 128.0;
+        for ray in 0..ours.len() {
+            let context = format!("{name} ray {ray} label {}", case.labels[ray]);
+            let reference = reference_hit[ray].then_some(reference_depth[ray]);
+            match case.labels[ray] {
+                // The same samples, the same root search: the same depth to rounding.
+                label::CAMERA | label::AWAY | label::AXIS_ALIGNED | label::DIRECTION_LENGTH => {
+                    let in_cube = UnitCube::default().intersect(&case.rays[ray]).is_some();
+                    if in_cube {
+                        assert_eq!(ours[ray].is_some(), reference.is_some(), "{context}");
+                        assert_eq!(starts_inside[ray], !reference_free[ray], "{context}");
+                        if let (Some(ours), Some(reference)) = (ours[ray], reference) {
                             let scale = case.rays[ray].direction.length().recip().max(1.0);
-                            // False position may stall (fault 8): compare within what its 8 steps promise.
-                            assert!((ours - truth).abs() < 5e-3 * scale, "{context}: {ours} {truth}");
+                            assert!((ours - reference).abs() < 1e-7 * scale, "{context}: {ours} {reference}");
                         }
+                    } else {
+                        // Faults 2 and 3: the reference code marches rays that miss the cube, or pass it behind them.
+                        assert_eq!(ours[ray], None, "{context}");
                     }
-                    other => panic!("{context}: unknown label {other}"),
                 }
+                label::MISSES_CUBE => assert_eq!(ours[ray], None, "{context}"),
+                // Fault 1: from inside the cube the reference code starts behind or before the first surface. Fault 3:
+                // rays through an edge or a corner fall back to coarse samples. Truth is the brute force.
+                label::INSIDE | label::NEAR_CENTER | label::THROUGH_EDGE => {
+                    if !dense {
+                        continue;
+                    }
+                    let truth = case.brute_force(ray);
+                    assert_eq!(ours[ray].is_some(), truth.is_some(), "{context}");
+                    if let (Some(ours), Some(truth)) = (ours[ray], truth) {
+                        let scale = case.rays[ray].direction.length().recip().max(1.0);
+                        // False position may stall (fault 8): compare within what its 8 steps promise.
+                        assert!((ours - truth).abs() < 5e-3 * scale, "{context}: {ours} {truth}");
+                    }
+                }
+                other => panic!("{context}: unknown label {other}"),
             }
         }
     }
@@ -212,52 +211,51 @@ impl ModuleVisitor for Gradients<'_> {
 
 #[test]
 fn the_analytic_gradient_equals_the_reference_for_parameters_and_codes() {
-    for (device_name, device) in double_precision_devices() {
-        for (name, code_dim) in FILES.into_iter().filter(|(n, _)| !n.ends_with("n16") && !n.ends_with("bisection")) {
-            let mut case = Case::open(name, code_dim, &device);
-            let autodiff = device.clone().autodiff();
-            let keep: Vec<usize> =
-                case.fixture.truths("f64.mask").iter().enumerate().filter(|(_, hit)| **hit).map(|(i, _)| i).collect();
-            let pick3 = |values: &[[f64; 3]]| keep.iter().map(|&i| values[i]).collect::<Vec<_>>();
-            let pick1 = |values: &[f64]| keep.iter().map(|&i| values[i]).collect::<Vec<_>>();
-            let points = pick3(&case.fixture.points("f64.p_pred"));
-            let depth = pick1(&case.fixture.numbers("f64.d_pred"));
-            let weight = pick1(&case.fixture.numbers("w"));
-            let directions: Vec<_> = keep.iter().map(|&i| case.rays[i].direction.to_array()).collect();
-            let object: Vec<i64> = keep.iter().map(|&i| case.object[i]).collect();
-            let object_on = |device: &Device| {
-                case.codes.as_ref().map(|_| Tensor::from_data(TensorData::new(object.clone(), [keep.len()]), device))
-            };
+    let device = double_precision_device();
+    for (name, code_dim) in FILES.into_iter().filter(|(n, _)| !n.ends_with("n16") && !n.ends_with("bisection")) {
+        let mut case = Case::open(name, code_dim, &device);
+        let autodiff = device.clone().autodiff();
+        let keep: Vec<usize> =
+            case.fixture.truths("f64.mask").iter().enumerate().filter(|(_, hit)| **hit).map(|(i, _)| i).collect();
+        let pick3 = |values: &[[f64; 3]]| keep.iter().map(|&i| values[i]).collect::<Vec<_>>();
+        let pick1 = |values: &[f64]| keep.iter().map(|&i| values[i]).collect::<Vec<_>>();
+        let points = pick3(&case.fixture.points("f64.p_pred"));
+        let depth = pick1(&case.fixture.numbers("f64.d_pred"));
+        let weight = pick1(&case.fixture.numbers("w"));
+        let directions: Vec<_> = keep.iter().map(|&i| case.rays[i].direction.to_array()).collect();
+        let object: Vec<i64> = keep.iter().map(|&i| case.object[i]).collect();
+        let object_on = |device: &Device| {
+            case.codes.as_ref().map(|_| Tensor::from_data(TensorData::new(object.clone(), [keep.len()]), device))
+        };
 
-            // The slope by our forward-mode pass, and the reference's clamp.
-            let query = Query { object: object_on(&device), ..Query::new(tensor3(&points, &device)) };
-            let gradient = match &case.codes {
-                Some(codes) => case.decoder.with_codes(codes.clone()).occupancy_gradient(&query),
-                None => case.decoder.occupancy_gradient(&query),
-            };
-            let reference: Vec<f64> = pick3(&case.fixture.points("f64.grad_p")).into_iter().flatten().collect();
-            assert!(relative_difference(&numbers(gradient.clone()), &reference) < 1e-9, "{device_name} {name}: grad_p");
-            let slope = dvr_render::dot(gradient.clone(), tensor3(&directions, &device));
-            let reference = pick1(&case.fixture.numbers("f64.grad_p_dot_v"));
-            assert!(relative_difference(&numbers(slope), &reference) < 1e-9, "{device_name} {name}: slope");
-            let inverse_slope = SlopeRule::CLASSIC.inverse_slope(gradient, tensor3(&directions, &device));
+        // The slope by our forward-mode pass, and the reference's clamp.
+        let query = Query { object: object_on(&device), ..Query::new(tensor3(&points, &device)) };
+        let gradient = match &case.codes {
+            Some(codes) => case.decoder.with_codes(codes.clone()).occupancy_gradient(&query),
+            None => case.decoder.occupancy_gradient(&query),
+        };
+        let reference: Vec<f64> = pick3(&case.fixture.points("f64.grad_p")).into_iter().flatten().collect();
+        assert!(relative_difference(&numbers(gradient.clone()), &reference) < 1e-9, "{name}: grad_p");
+        let slope = dvr_render::dot(gradient.clone(), tensor3(&directions, &device));
+        let reference = pick1(&case.fixture.numbers("f64.grad_p_dot_v"));
+        assert!(relative_difference(&numbers(slope), &reference) < 1e-9, "{name}: slope");
+        let inverse_slope = SlopeRule::CLASSIC.inverse_slope(gradient, tensor3(&directions, &device));
 
-            let decoder = case.decoder.clone().to_device(&autodiff).train();
-            let codes = case.codes.clone().map(|codes| Tensor::from_inner(codes).require_grad());
-            let query = Query { object: object_on(&autodiff), ..Query::new(tensor3(&points, &autodiff)) };
-            let logit = case.logit(&decoder, &query, codes.clone());
-            let depth = implicit_depth(logit, tensor1(&depth, &autodiff), Tensor::from_inner(inverse_slope));
-            let loss = (depth * tensor1(&weight, &autodiff)).sum();
-            let reference = case.fixture.number("f64.loss");
-            assert!((loss.clone().into_scalar::<f64>() - reference).abs() < 1e-9 * reference.abs(), "{name}: loss");
+        let decoder = case.decoder.clone().to_device(&autodiff).train();
+        let codes = case.codes.clone().map(|codes| Tensor::from_inner(codes).require_grad());
+        let query = Query { object: object_on(&autodiff), ..Query::new(tensor3(&points, &autodiff)) };
+        let logit = case.logit(&decoder, &query, codes.clone());
+        let depth = implicit_depth(logit, tensor1(&depth, &autodiff), Tensor::from_inner(inverse_slope));
+        let loss = (depth * tensor1(&weight, &autodiff)).sum();
+        let reference = case.fixture.number("f64.loss");
+        assert!((loss.clone().into_scalar::<f64>() - reference).abs() < 1e-9 * reference.abs(), "{name}: loss");
 
-            let gradients = loss.backward();
-            compare_parameters(&mut case, &decoder, &gradients, &format!("{device_name} {name}"));
-            if let Some(codes) = codes {
-                let ours = numbers(codes.grad(&gradients).expect("codes have a gradient"));
-                let reference = case.fixture.numbers("f64.grad_c");
-                assert!(relative_difference(&ours, &reference) < 1e-9, "{device_name} {name}: code");
-            }
+        let gradients = loss.backward();
+        compare_parameters(&mut case, &decoder, &gradients, name);
+        if let Some(codes) = codes {
+            let ours = numbers(codes.grad(&gradients).expect("codes have a gradient"));
+            let reference = case.fixture.numbers("f64.grad_c");
+            assert!(relative_difference(&ours, &reference) < 1e-9, "{name}: code");
         }
     }
 }

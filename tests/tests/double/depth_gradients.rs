@@ -109,32 +109,30 @@ fn assert_close(analytic: f64, numeric: f64, context: &str) {
 
 #[test]
 fn the_gradient_for_parameters_and_code_equals_differences_of_the_whole_march() {
-    for (name, device) in double_precision_devices() {
-        let setup = Setup::new(&device);
-        let hits = setup.march(&setup.decoder, &setup.codes, &setup.rays);
+    let device = double_precision_device();
+    let setup = Setup::new(&device);
+    let hits = setup.march(&setup.decoder, &setup.codes, &setup.rays);
 
-        // The derivative along a random direction: d/dt at t = 0 of the loss at parameters + t * direction.
-        let t = Tensor::<1>::from_inner(Tensor::zeros([1], &device)).require_grad();
-        let decoder = setup.decoder.clone().to_device(&device.clone().autodiff());
-        let moved = decoder.map(&mut Along { rng: ChaCha8Rng::seed_from_u64(7), t: t.clone() });
-        let codes = Tensor::from_inner(setup.codes.clone()).require_grad();
-        let field = moved.with_codes(codes.clone());
-        let frozen = setup.decoder.with_codes(setup.codes.clone());
-        let depth = Surface::on_graph(&field, &frozen, &hits, EXACT).depth;
-        let weights = tensor1(&setup.weights, &device.clone().autodiff());
-        let gradients = (depth * weights).sum().backward();
-        let analytic = numbers(t.grad(&gradients).unwrap())[0];
-        let at = |step: f64| setup.value(&perturbed(&setup.decoder, step), &setup.codes, &setup.rays);
-        assert_close(analytic, (at(STEP) - at(-STEP)) / (2.0 * STEP), &format!("{name} parameters"));
+    // The derivative along a random direction: d/dt at t = 0 of the loss at parameters + t * direction.
+    let t = Tensor::<1>::from_inner(Tensor::zeros([1], &device)).require_grad();
+    let decoder = setup.decoder.clone().to_device(&device.clone().autodiff());
+    let moved = decoder.map(&mut Along { rng: ChaCha8Rng::seed_from_u64(7), t: t.clone() });
+    let codes = Tensor::from_inner(setup.codes.clone()).require_grad();
+    let field = moved.with_codes(codes.clone());
+    let frozen = setup.decoder.with_codes(setup.codes.clone());
+    let depth = Surface::on_graph(&field, &frozen, &hits, EXACT).depth;
+    let weights = tensor1(&setup.weights, &device.clone().autodiff());
+    let gradients = (depth * weights).sum().backward();
+    let analytic = numbers(t.grad(&gradients).unwrap())[0];
+    let at = |step: f64| setup.value(&perturbed(&setup.decoder, step), &setup.codes, &setup.rays);
+    assert_close(analytic, (at(STEP) - at(-STEP)) / (2.0 * STEP), "parameters");
 
-        let direction = random(&mut ChaCha8Rng::seed_from_u64(11), 32);
-        let of_code = numbers(codes.grad(&gradients).unwrap());
-        let analytic: f64 = of_code.iter().zip(&direction).map(|(g, d)| g * d).sum();
-        let direction = tensor1(&direction, &device).reshape([1, 32]);
-        let at =
-            |step: f64| setup.value(&setup.decoder, &(setup.codes.clone() + direction.clone() * step), &setup.rays);
-        assert_close(analytic, (at(STEP) - at(-STEP)) / (2.0 * STEP), &format!("{name} code"));
-    }
+    let direction = random(&mut ChaCha8Rng::seed_from_u64(11), 32);
+    let of_code = numbers(codes.grad(&gradients).unwrap());
+    let analytic: f64 = of_code.iter().zip(&direction).map(|(g, d)| g * d).sum();
+    let direction = tensor1(&direction, &device).reshape([1, 32]);
+    let at = |step: f64| setup.value(&setup.decoder, &(setup.codes.clone() + direction.clone() * step), &setup.rays);
+    assert_close(analytic, (at(STEP) - at(-STEP)) / (2.0 * STEP), "code");
 }
 
 /// Adds `t` times the random numbers of [`Perturb`] on the graph.
@@ -155,45 +153,44 @@ impl ModuleMapper for Along {
 
 #[test]
 fn the_gradient_for_ray_origin_and_direction_equals_differences_of_the_whole_march() {
-    for (name, device) in double_precision_devices() {
-        let setup = Setup::new(&device);
-        let hits = setup.march(&setup.decoder, &setup.codes, &setup.rays);
-        let frozen = setup.decoder.with_codes(setup.codes.clone());
-        let gradient = frozen.occupancy_gradient(&hits.query());
-        let inverse_slope = EXACT.inverse_slope(gradient, hits.rays.direction.clone());
+    let device = double_precision_device();
+    let setup = Setup::new(&device);
+    let hits = setup.march(&setup.decoder, &setup.codes, &setup.rays);
+    let frozen = setup.decoder.with_codes(setup.codes.clone());
+    let gradient = frozen.occupancy_gradient(&hits.query());
+    let inverse_slope = EXACT.inverse_slope(gradient, hits.rays.direction.clone());
 
-        // Origin and direction on the graph: f is evaluated at r0 + d_hat w, d_hat held still.
-        let origin = Tensor::<2>::from_inner(hits.rays.origin.clone()).require_grad();
-        let direction = Tensor::<2>::from_inner(hits.rays.direction.clone()).require_grad();
-        let fixed = Tensor::<1>::from_inner(hits.depth.clone());
-        let points = origin.clone() + direction.clone() * fixed.clone().unsqueeze_dim(1);
-        let decoder = setup.decoder.clone().to_device(&device.clone().autodiff());
-        let logit = decoder.with_codes(Tensor::from_inner(setup.codes.clone())).occupancy_logit(&Query::new(points));
-        let depth = dvr_render::implicit_depth(logit, fixed, Tensor::from_inner(inverse_slope));
-        let weights = tensor1(&setup.weights, &device.clone().autodiff());
-        let gradients = (depth * weights).sum().backward();
+    // Origin and direction on the graph: f is evaluated at r0 + d_hat w, d_hat held still.
+    let origin = Tensor::<2>::from_inner(hits.rays.origin.clone()).require_grad();
+    let direction = Tensor::<2>::from_inner(hits.rays.direction.clone()).require_grad();
+    let fixed = Tensor::<1>::from_inner(hits.depth.clone());
+    let points = origin.clone() + direction.clone() * fixed.clone().unsqueeze_dim(1);
+    let decoder = setup.decoder.clone().to_device(&device.clone().autodiff());
+    let logit = decoder.with_codes(Tensor::from_inner(setup.codes.clone())).occupancy_logit(&Query::new(points));
+    let depth = dvr_render::implicit_depth(logit, fixed, Tensor::from_inner(inverse_slope));
+    let weights = tensor1(&setup.weights, &device.clone().autodiff());
+    let gradients = (depth * weights).sum().backward();
 
-        let mut rng = ChaCha8Rng::seed_from_u64(13);
-        let shift: Vec<DVec3> =
-            (0..setup.rays.len()).map(|_| DVec3::from_array([(); 3].map(|()| rng.random_range(-1.0..1.0)))).collect();
-        let dotted = |gradient: Tensor<2>| -> f64 {
-            let flat: Vec<f64> = shift.iter().flat_map(|s| s.to_array()).collect();
-            numbers(gradient).iter().zip(&flat).map(|(g, s)| g * s).sum()
-        };
-        let moved = |of_origin: f64, of_direction: f64| -> f64 {
-            let rays: Vec<Ray> = setup
-                .rays
-                .iter()
-                .zip(&shift)
-                .map(|(ray, s)| Ray { origin: ray.origin + of_origin * s, direction: ray.direction + of_direction * s })
-                .collect();
-            setup.value(&setup.decoder, &setup.codes, &rays)
-        };
-        let numeric = (moved(RAY_STEP, 0.0) - moved(-RAY_STEP, 0.0)) / (2.0 * RAY_STEP);
-        assert_close(dotted(origin.grad(&gradients).unwrap()), numeric, &format!("{name} origin"));
-        let numeric = (moved(0.0, RAY_STEP) - moved(0.0, -RAY_STEP)) / (2.0 * RAY_STEP);
-        assert_close(dotted(direction.grad(&gradients).unwrap()), numeric, &format!("{name} direction"));
-    }
+    let mut rng = ChaCha8Rng::seed_from_u64(13);
+    let shift: Vec<DVec3> =
+        (0..setup.rays.len()).map(|_| DVec3::from_array([(); 3].map(|()| rng.random_range(-1.0..1.0)))).collect();
+    let dotted = |gradient: Tensor<2>| -> f64 {
+        let flat: Vec<f64> = shift.iter().flat_map(|s| s.to_array()).collect();
+        numbers(gradient).iter().zip(&flat).map(|(g, s)| g * s).sum()
+    };
+    let moved = |of_origin: f64, of_direction: f64| -> f64 {
+        let rays: Vec<Ray> = setup
+            .rays
+            .iter()
+            .zip(&shift)
+            .map(|(ray, s)| Ray { origin: ray.origin + of_origin * s, direction: ray.direction + of_direction * s })
+            .collect();
+        setup.value(&setup.decoder, &setup.codes, &rays)
+    };
+    let numeric = (moved(RAY_STEP, 0.0) - moved(-RAY_STEP, 0.0)) / (2.0 * RAY_STEP);
+    assert_close(dotted(origin.grad(&gradients).unwrap()), numeric, "origin");
+    let numeric = (moved(0.0, RAY_STEP) - moved(0.0, -RAY_STEP)) / (2.0 * RAY_STEP);
+    assert_close(dotted(direction.grad(&gradients).unwrap()), numeric, "direction");
 }
 
 /// A ball of radius 0.4 whose logit is `scale` times the signed distance.
@@ -221,7 +218,7 @@ impl Differentiable for Ball {
 
 /// `1/s` of both rules for a ray along z that passes the ball's centre at distance `impact`, on the near side.
 fn inverse_slopes(impact: f64, scale: f64, length: f64, near_side: bool) -> [f64; 2] {
-    let (_, device) = double_precision_devices().remove(0);
+    let device = double_precision_device();
     let ball = Ball { scale, device: device.clone() };
     let z = (0.16 - impact * impact).sqrt() * if near_side { -1.0 } else { 1.0 };
     let gradient = ball.occupancy_gradient(&Query::new(tensor3(&[[impact, 0.0, z]], &device)));

@@ -168,7 +168,7 @@ fn moved(encoder: &Encoder, direction: &Tensor<4>, step: f64) -> Encoder {
 
 #[test]
 fn the_gradient_of_depth_for_the_first_convolution_equals_differences_of_encoder_and_march() {
-    let (_, device) = double_precision_devices().remove(0);
+    let device = double_precision_device();
     // Image size, weight of the last layer, and the step of the differences: so small that no ReLU changes sides, of
     // which a ResNet has many.
     let kinds = [

@@ -2,7 +2,7 @@
 
 use burn::tensor::{Device, Int, Tensor, TensorData};
 use dvr_render::{DistinctRows, gather_rows};
-use dvr_tests::{devices, gpu, max_difference, numbers, tensor1, test_with};
+use dvr_tests::{gpu, max_difference, numbers, tensor1, test_with};
 use rand::seq::SliceRandom;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -52,7 +52,7 @@ macro_rules! suite {
     };
 }
 
-suite!(test, on_the_cpu, devices());
+suite!(test, on_the_cpu, [("cpu", Device::flex())]);
 suite!(test_with(gpu), on_a_gpu, [("gpu", gpu())]);
 
 fn repeated_rows_sum(name: &str, device: Device) {
