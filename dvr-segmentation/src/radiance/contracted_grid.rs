@@ -9,30 +9,43 @@ const SHELL: f32 = 0.5;
 /// Half the edge of all that is contracted.
 const REACH: f32 = 1.0 + SHELL;
 
-/// Nodes in contracted space, numbered x first. Points have the cube for [-1, 1]^3.
+/// Nodes along an edge of a brick.
+const BRICK: usize = 4;
+
+/// Nodes of a brick, which are next to each other in memory.
+pub(super) const BRICK_NODES: usize = BRICK.pow(3);
+
+/// Nodes in contracted space. Points have the cube for [-1, 1]^3.
+///
+/// Nodes are numbered brick by brick, x first: a ray passes few bricks, and so few pages of memory. Bricks go beyond
+/// the last nodes where these do not fill them.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ContractedGrid {
     nodes: usize,
+    /// Along an edge.
+    bricks: usize,
 }
 
-/// Where a point lies in a grid.
+/// The cell in which a point lies.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Place {
-    /// The first corner of its cell.
+pub(super) struct Cell {
+    /// Its first corner.
     pub node: usize,
-    /// Weights of the cell's corners, in the order of [`ContractedGrid::corners`].
-    pub weights: [f32; 8],
+    /// From that to its neighbours in x, y and z.
+    next: [usize; 3],
+    /// How far the point is from it, in spacings.
+    fraction: Vec3,
 }
 
 impl ContractedGrid {
     /// So many nodes along an edge, at least 2.
-    pub fn new(nodes: usize) -> Self {
-        Self { nodes }
+    pub const fn new(nodes: usize) -> Self {
+        Self { nodes, bricks: nodes.div_ceil(BRICK) }
     }
 
-    /// Nodes in all.
-    pub fn len(&self) -> usize {
-        self.nodes.pow(3)
+    /// Nodes in all, with those that only fill bricks.
+    pub const fn len(&self) -> usize {
+        self.bricks.pow(3) * BRICK_NODES
     }
 
     /// From node to node, contracted.
@@ -40,20 +53,36 @@ impl ContractedGrid {
         2.0 * REACH / (self.nodes - 1) as f32
     }
 
-    /// From the first corner of a cell to all.
-    pub fn corners(&self) -> [usize; 8] {
-        let [x, y, z] = [1, self.nodes, self.nodes.pow(2)];
-        [0, x, y, x + y, z, x + z, y + z, x + y + z]
+    /// The corners of the cell whose first corner is a node; `None` where there is no cell.
+    pub fn corners(&self, node: usize) -> Option<[usize; 8]> {
+        let at = self.coordinates(node);
+        at.into_iter().all(|at| at + 1 < self.nodes).then(|| corners(node, self.next(at)))
     }
 
-    /// Whether a node is the first corner of a cell.
-    pub fn has_cell(&self, node: usize) -> bool {
-        self.coordinates(node).into_iter().all(|at| at + 1 < self.nodes)
+    /// From a brick to its neighbours in x, y and z.
+    fn strides(&self) -> [usize; 3] {
+        [BRICK_NODES, BRICK_NODES * self.bricks, BRICK_NODES * self.bricks.pow(2)]
+    }
+
+    /// From the node at these coordinates to its neighbours in x, y and z.
+    fn next(&self, at: [usize; 3]) -> [usize; 3] {
+        let strides = self.strides();
+        std::array::from_fn(|axis| {
+            let within = BRICK.pow(axis as u32);
+            if at[axis] % BRICK == BRICK - 1 { strides[axis] - (BRICK - 1) * within } else { within }
+        })
+    }
+
+    fn node(&self, at: [usize; 3]) -> usize {
+        let strides = self.strides();
+        (0..3).map(|axis| at[axis] / BRICK * strides[axis] + at[axis] % BRICK * BRICK.pow(axis as u32)).sum()
     }
 
     fn coordinates(&self, node: usize) -> [usize; 3] {
-        let n = self.nodes;
-        [node % n, node / n % n, node / n / n]
+        let strides = self.strides();
+        std::array::from_fn(|axis| {
+            BRICK * (node / strides[axis] % self.bricks) + node % BRICK_NODES / BRICK.pow(axis as u32) % BRICK
+        })
     }
 
     /// Contracted position of a node.
@@ -61,17 +90,35 @@ impl ContractedGrid {
         Vec3::from(self.coordinates(node).map(|at| at as f32)) * self.spacing() - REACH
     }
 
-    /// The place of a contracted point.
-    pub fn place(&self, contracted: Vec3) -> Place {
+    /// The cell of a contracted point.
+    pub fn cell(&self, contracted: Vec3) -> Cell {
         let last = self.nodes as f32 - 1.001;
-        let at = ((contracted + REACH) / self.spacing()).clamp(Vec3::ZERO, Vec3::splat(last));
-        let first = at.floor();
-        let [x, y, z] = first.to_array().map(|at| at as usize);
-        let (f, g) = (at - first, Vec3::ONE - (at - first));
-        let across = [g.x * g.y, f.x * g.y, g.x * f.y, f.x * f.y];
-        let weights = std::array::from_fn(|corner| across[corner % 4] * if corner < 4 { g.z } else { f.z });
-        Place { node: (z * self.nodes + y) * self.nodes + x, weights }
+        let place = ((contracted + REACH) / self.spacing()).clamp(Vec3::ZERO, Vec3::splat(last));
+        let first = place.floor();
+        let at = first.to_array().map(|at| at as usize);
+        Cell { node: self.node(at), next: self.next(at), fraction: place - first }
     }
+}
+
+impl Cell {
+    /// Its corners, x first.
+    #[inline]
+    pub fn corners(&self) -> [usize; 8] {
+        corners(self.node, self.next)
+    }
+
+    /// What each corner counts at the point.
+    #[inline]
+    pub fn weights(&self) -> [f32; 8] {
+        let (f, g) = (self.fraction, Vec3::ONE - self.fraction);
+        let across = [g.x * g.y, f.x * g.y, g.x * f.y, f.x * f.y];
+        std::array::from_fn(|corner| across[corner % 4] * if corner < 4 { g.z } else { f.z })
+    }
+}
+
+#[inline]
+fn corners(node: usize, [x, y, z]: [usize; 3]) -> [usize; 8] {
+    [0, x, y, x + y, z, x + z, y + z, x + y + z].map(|offset| node + offset)
 }
 
 /// A point contracted, and how that changes along a direction.
@@ -100,6 +147,8 @@ pub(super) fn expand(contracted: Vec3, far: f32) -> Vec3 {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::HashSet;
+
     use super::*;
 
     const POINTS: [Vec3; 4] =
@@ -128,15 +177,23 @@ mod tests {
     }
 
     #[test]
+    fn each_node_has_a_number_and_cells_end_at_the_last() {
+        let grid = ContractedGrid::new(6);
+        let numbers: HashSet<usize> = (0..grid.len()).map(|node| grid.node(grid.coordinates(node))).collect();
+        assert_eq!(numbers, (0..grid.len()).collect());
+        assert_eq!((0..grid.len()).filter(|node| grid.corners(*node).is_some()).count(), 5 * 5 * 5);
+    }
+
+    #[test]
     fn a_place_gives_back_what_is_linear() {
         let grid = ContractedGrid::new(6);
         let linear = |at: Vec3| at.dot(Vec3::new(1.0, -2.0, 0.5)) + 0.3;
         for point in POINTS {
             let (contracted, _) = contract(point, Vec3::X);
-            let Place { node, weights } = grid.place(contracted);
-            assert!(grid.has_cell(node));
-            let corners = grid.corners().into_iter().zip(weights);
-            let found: f32 = corners.map(|(offset, weight)| weight * linear(grid.position(node + offset))).sum();
+            let cell = grid.cell(contracted);
+            assert_eq!(grid.corners(cell.node), Some(cell.corners()));
+            let corners = cell.corners().into_iter().zip(cell.weights());
+            let found: f32 = corners.map(|(corner, weight)| weight * linear(grid.position(corner))).sum();
             assert!((found - linear(contracted)).abs() < 2e-3, "{found} {}", linear(contracted));
         }
     }

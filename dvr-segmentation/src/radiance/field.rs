@@ -3,7 +3,7 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::contracted_grid::{ContractedGrid, Place, contract, expand};
+use super::contracted_grid::{BRICK_NODES, Cell, ContractedGrid, contract, expand};
 use crate::HALF;
 use crate::shrunk::Shrunk;
 
@@ -23,8 +23,11 @@ const DARK: f32 = 1e-3;
 /// A sample that stops less of a ray's light than this belongs to no surface.
 const HAZE: f32 = 0.1;
 
+/// Samples whose numbers are looked up together: the processor fetches the next ones' while it waits for the first.
+const AHEAD: usize = 16;
+
 /// Nodes whose gradients are looked at together.
-pub(super) const BLOCK: usize = 32;
+pub(super) const BLOCK: usize = BRICK_NODES;
 
 /// Numbers of a node: the logit of its opacity, which is what it stops of a ray's light within a spacing, and a colour.
 pub(super) const CHANNELS: usize = 4;
@@ -41,26 +44,21 @@ pub(super) struct RadianceField {
 }
 
 /// A place on a ray.
-pub(super) struct Sample {
-    place: Place,
+struct Sample {
+    cell: Cell,
     /// From the ray's origin, object units.
     distance: f32,
 }
 
 /// What a sample contributes.
-struct Lit {
+pub(super) struct Lit {
+    sample: Sample,
+    /// The field's numbers there, and, on the way back, their gradient.
     values: Values,
     /// The share of the light that it stops.
     alpha: f32,
     /// The share of all the ray's light that it stops.
     weight: f32,
-}
-
-/// What rays are sampled and composited in.
-#[derive(Default)]
-pub(super) struct Scratch {
-    samples: Vec<Sample>,
-    lit: Vec<Lit>,
 }
 
 /// A gradient at the nodes.
@@ -93,7 +91,7 @@ impl RadianceField {
 
     /// The same field on another grid.
     pub fn on(&self, grid: ContractedGrid, views: &[&Shrunk]) -> Self {
-        let of_node = |node| self.at(&self.grid.place(grid.position(node)));
+        let of_node = |node| self.at(&self.grid.cell(grid.position(node)));
         Self::new(grid, (0..grid.len()).into_par_iter().map(of_node).collect(), views)
     }
 
@@ -112,26 +110,25 @@ impl RadianceField {
 
     /// Leaves out cells that stop at most a share `least` of the light at all corners.
     pub fn skip_empty(&mut self, least: f32) {
-        let corners = self.grid.corners();
         let is_dense: Vec<bool> = self.values.par_iter().map(|values| sigmoid(values[0]) > least).collect();
-        let is_active = |node: usize| {
-            self.is_seen[node] && self.grid.has_cell(node) && corners.iter().any(|offset| is_dense[node + offset])
-        };
+        let has_dense =
+            |node| self.grid.corners(node).is_some_and(|corners| corners.into_iter().any(|at| is_dense[at]));
+        let is_active = |node: usize| self.is_seen[node] && has_dense(node);
         self.is_active = (0..self.grid.len()).into_par_iter().map(is_active).collect();
     }
 
-    fn at(&self, place: &Place) -> Values {
+    #[inline]
+    fn at(&self, cell: &Cell) -> Values {
         let mut sum = [0.0; CHANNELS];
-        for (offset, weight) in self.grid.corners().into_iter().zip(place.weights) {
-            let values = &self.values[place.node + offset];
+        for (corner, weight) in cell.corners().into_iter().zip(cell.weights()) {
+            let values = &self.values[corner];
             sum.iter_mut().zip(values).for_each(|(sum, value)| *sum += weight * value);
         }
         sum
     }
 
     /// Places on a ray, a contracted spacing apart, the first of them `jitter` of that after its beginning; `direction` has length 1.
-    fn sample(&self, origin: Vec3, direction: Vec3, jitter: f32, samples: &mut Vec<Sample>) {
-        samples.clear();
+    fn samples(&self, origin: Vec3, direction: Vec3, jitter: f32) -> impl Iterator<Item = Sample> + '_ {
         let (start, spacing) = (origin / HALF, self.grid.spacing());
         let inverse = direction.recip();
         let [one, other] = [-BEFORE, BEFORE].map(|side| (Vec3::splat(side) - start) * inverse);
@@ -139,103 +136,116 @@ impl RadianceField {
         let begin = if enter < leave && leave > 0.0 { enter } else { -start.dot(direction) };
         let mut along = begin.max(0.0);
         let mut skipped = jitter;
-        loop {
-            let point = start + along * direction;
-            let norm = point.abs().max_element();
-            if norm.is_nan() || norm > FAR {
-                break;
+        std::iter::from_fn(move || {
+            loop {
+                let point = start + along * direction;
+                let norm = point.abs().max_element();
+                if norm.is_nan() || norm > FAR {
+                    return None;
+                }
+                let (contracted, step) = if norm <= 1.0 {
+                    (point, spacing)
+                } else {
+                    let (contracted, change) = contract(point, direction);
+                    (contracted, (spacing / change.length().max(1e-6)).min(0.5 * norm))
+                };
+                if skipped > 0.0 {
+                    along += skipped * step;
+                    skipped = 0.0;
+                    continue;
+                }
+                let distance = HALF * along;
+                along += step;
+                let cell = self.grid.cell(contracted);
+                if self.is_active[cell.node] {
+                    return Some(Sample { cell, distance });
+                }
             }
-            let (contracted, step) = if norm <= 1.0 {
-                (point, spacing)
-            } else {
-                let (contracted, change) = contract(point, direction);
-                (contracted, (spacing / change.length().max(1e-6)).min(0.5 * norm))
-            };
-            if skipped > 0.0 {
-                along += skipped * step;
-                skipped = 0.0;
-                continue;
-            }
-            let place = self.grid.place(contracted);
-            if self.is_active[place.node] {
-                samples.push(Sample { place, distance: HALF * along });
-            }
-            along += step;
-        }
+        })
     }
 
-    /// How much light the samples of a ray stop, from the first on; the last stops all that is left.
-    fn composite<'a>(&'a self, samples: &'a [Sample], least: f32) -> impl Iterator<Item = Lit> + 'a {
+    /// What the samples of a ray contribute, from the first on, as far as there is light; the last stops all that is left.
+    /// What stops less than `least` stops nothing. `lit` keeps nothing; it is memory.
+    fn composite(&self, samples: impl Iterator<Item = Sample>, least: f32, lit: &mut Vec<Lit>) {
+        lit.clear();
+        let mut samples = samples.peekable();
         let mut left = 1.0f32;
-        samples.iter().enumerate().map_while(move |(i, sample)| {
-            if left < DARK {
-                return None;
+        while samples.peek().is_some() {
+            let first = lit.len();
+            let unlit = |sample| Lit { sample, values: [0.0; CHANNELS], alpha: 0.0, weight: 0.0 };
+            lit.extend(samples.by_ref().take(AHEAD).map(unlit));
+            for lit in &mut lit[first..] {
+                lit.values = self.at(&lit.sample.cell);
             }
-            let values = self.at(&sample.place);
-            let alpha = sigmoid(values[0]);
-            let alpha = if i + 1 == samples.len() {
-                1.0
-            } else if alpha < least {
-                0.0
-            } else {
-                alpha
-            };
-            let weight = left * alpha;
-            left *= 1.0 - alpha;
-            Some(Lit { values, alpha, weight })
-        })
+            for i in first..lit.len() {
+                if left < DARK {
+                    lit.truncate(i);
+                    return;
+                }
+                let alpha = sigmoid(lit[i].values[0]);
+                let alpha = if i + 1 == lit.len() && samples.peek().is_none() {
+                    1.0
+                } else if alpha < least {
+                    0.0
+                } else {
+                    alpha
+                };
+                (lit[i].alpha, lit[i].weight) = (alpha, left * alpha);
+                left *= 1.0 - alpha;
+            }
+        }
     }
 
     /// The colour that a ray sees.
     #[cfg(test)]
-    pub fn seen(&self, origin: Vec3, direction: Vec3, jitter: f32, Scratch { samples, .. }: &mut Scratch) -> Vec3 {
-        self.sample(origin, direction, jitter, samples);
-        self.composite(samples, 0.0).map(|lit| lit.weight * color(lit.values)).sum()
+    pub fn seen(&self, origin: Vec3, direction: Vec3, jitter: f32) -> Vec3 {
+        let mut lit = Vec::new();
+        self.composite(self.samples(origin, direction, jitter), 0.0, &mut lit);
+        lit.iter().map(|lit| lit.weight * color(lit.values)).sum()
     }
 
-    /// Adds the gradient of a loss of the colour that a ray sees, `slope`, by that colour.
+    /// Adds the gradient of a loss of the colour that a ray sees, `slope`, by that colour. `lit` keeps nothing; it is memory.
     pub fn differentiate(
         &self,
         origin: Vec3,
         direction: Vec3,
         jitter: f32,
         slope: impl FnOnce(Vec3) -> Vec3,
-        Scratch { samples, lit }: &mut Scratch,
+        lit: &mut Vec<Lit>,
         gradient: &mut Gradient,
     ) {
-        self.sample(origin, direction, jitter, samples);
-        lit.clear();
-        lit.extend(self.composite(samples, 0.0));
+        self.composite(self.samples(origin, direction, jitter), 0.0, lit);
         let slope = slope(lit.iter().map(|lit| lit.weight * color(lit.values)).sum());
         // What is seen behind a sample.
         let mut behind = Vec3::ZERO;
-        for (i, (lit, sample)) in lit.iter().zip(&*samples).enumerate().rev() {
+        for lit in lit.iter_mut().rev() {
             let here = color(lit.values);
             let by_color = lit.weight * slope;
-            let by_opacity =
-                if i + 1 == samples.len() { 0.0 } else { lit.weight * (1.0 - lit.alpha) * slope.dot(here - behind) };
+            // Of the last sample, which stops everything, 0.
+            let by_opacity = lit.weight * (1.0 - lit.alpha) * slope.dot(here - behind);
             behind = lit.alpha * here + (1.0 - lit.alpha) * behind;
-            for (offset, weight) in self.grid.corners().into_iter().zip(sample.place.weights) {
-                let node = sample.place.node + offset;
+            lit.values = [by_opacity, by_color.x, by_color.y, by_color.z];
+        }
+        // By itself: as with `AHEAD`, memory is what this waits for.
+        for lit in lit.iter().rev() {
+            for (node, weight) in lit.sample.cell.corners().into_iter().zip(lit.sample.cell.weights()) {
                 gradient.is_touched[node / BLOCK] = true;
-                let of_sample = [by_opacity, by_color.x, by_color.y, by_color.z];
-                gradient.values[node].iter_mut().zip(of_sample).for_each(|(sum, by)| *sum += weight * by);
+                gradient.values[node].iter_mut().zip(lit.values).for_each(|(sum, by)| *sum += weight * by);
             }
         }
     }
 
-    /// The share of a ray's light that surfaces stop where `is_object`, haze left out.
+    /// The share of a ray's light that surfaces stop where `is_object`, haze left out. `lit` keeps nothing; it is memory.
     pub fn object_share(
         &self,
         origin: Vec3,
         direction: Vec3,
         is_object: &dyn Fn(Vec3) -> bool,
-        Scratch { samples, .. }: &mut Scratch,
+        lit: &mut Vec<Lit>,
     ) -> f32 {
-        self.sample(origin, direction, 0.5, samples);
-        let places = samples.iter().map(|sample| origin + sample.distance * direction);
-        let of_object = self.composite(samples, HAZE).zip(places).filter(|(_, place)| is_object(*place));
-        of_object.map(|(lit, _)| lit.weight).sum()
+        self.composite(self.samples(origin, direction, 0.5), HAZE, lit);
+        let of_object = lit.iter().filter(|lit| is_object(origin + lit.sample.distance * direction));
+        of_object.map(|lit| lit.weight).sum()
     }
 }
 
@@ -262,9 +272,8 @@ mod tests {
         let mut rng = ChaCha8Rng::seed_from_u64(3);
         let mut field = field(&mut rng);
         let (direction, wanted) = (Vec3::new(-0.1, 0.15, -1.0).normalize(), Vec3::new(0.3, -0.5, 0.9));
-        let mut scratch = Scratch::default();
         let mut gradient = Gradient::zero(field.grid.len());
-        field.differentiate(ORIGIN, direction, 0.3, |_| wanted, &mut scratch, &mut gradient);
+        field.differentiate(ORIGIN, direction, 0.3, |_| wanted, &mut Vec::new(), &mut gradient);
         let mut compared = 0;
         for node in 0..field.grid.len() {
             assert!(gradient.is_touched[node / BLOCK] || gradient.values[node] == [0.0; CHANNELS]);
@@ -273,7 +282,7 @@ mod tests {
                 let mut loss = |change: f32| {
                     let before = field.values[node][channel];
                     field.values[node][channel] += change;
-                    let loss = field.seen(ORIGIN, direction, 0.3, &mut scratch).dot(wanted);
+                    let loss = field.seen(ORIGIN, direction, 0.3).dot(wanted);
                     field.values[node][channel] = before;
                     loss
                 };
@@ -298,7 +307,7 @@ mod tests {
         let field = RadianceField { grid, values, is_active: all.clone(), is_seen: all };
         let share = |direction: Vec3| {
             let is_wall = |point: Vec3| point.abs().max_element() < HALF && point.z < 0.05;
-            field.object_share(ORIGIN, direction.normalize(), &is_wall, &mut Scratch::default())
+            field.object_share(ORIGIN, direction.normalize(), &is_wall, &mut Vec::new())
         };
         assert!(share(Vec3::NEG_Z) > 0.99, "{}", share(Vec3::NEG_Z));
         assert!(share(Vec3::Z) < 0.01 && share(Vec3::new(1.0, 0.0, -0.2)) < 0.01);

@@ -10,15 +10,18 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
 use super::contracted_grid::ContractedGrid;
-use super::field::{BLOCK, CHANNELS, Gradient, RadianceField, Scratch, Values};
+use super::field::{BLOCK, CHANNELS, Gradient, RadianceField, Values};
 use crate::shrunk::Shrunk;
 
 /// Nodes along an edge of the grid, level by level.
 pub(crate) const LEVELS: [usize; 3] = [49, 97, 145];
 
-/// Steps on each level, and rays of each.
+/// Steps on each level, and rays of each at most.
 const STEPS: usize = 400;
 const RAYS: usize = 4096;
+
+/// How often a pixel is drawn at most, in all steps together and on average: few pixels need fewer rays.
+const DRAWS: usize = 8;
 
 /// Parts of a step's rays, summed in their order: numbers do not depend on how many threads there are.
 const PARTS: usize = 4;
@@ -45,7 +48,8 @@ const FIRST_LOOK: usize = 150;
 const CHUNK: usize = 1 << 14;
 
 /// Bytes of all nodes: numbers, moments, gradients, and what is known of them.
-pub(super) const BYTES: u64 = (LEVELS[LEVELS.len() - 1].pow(3) * (size_of::<Values>() * (3 + PARTS) + 3)) as u64;
+pub(super) const BYTES: u64 =
+    (ContractedGrid::new(LEVELS[LEVELS.len() - 1]).len() * (size_of::<Values>() * (3 + PARTS) + 3)) as u64;
 
 /// A field that learns.
 pub(crate) struct Fit<'a> {
@@ -99,18 +103,20 @@ impl<'a> Fit<'a> {
 
     /// Pixels of a step.
     fn draw(&mut self) -> Vec<Drawn> {
+        let pixels: usize = self.views.iter().map(|view| view.len()).sum();
+        let rays = RAYS.min(DRAWS * pixels / (STEPS * LEVELS.len()));
         let one = |_| {
             let view = self.rng.random_range(0..self.views.len());
             let pixel = self.rng.random_range(0..self.views[view].len());
             Drawn { view, pixel, jitter: self.rng.random() }
         };
         let is_used = |drawn: &Drawn| self.ignored.get(drawn.pixel).is_none_or(|ignored| !ignored);
-        (0..RAYS).map(one).filter(is_used).collect()
+        (0..rays).map(one).filter(is_used).collect()
     }
 
     /// Sums the gradients of some pixels.
     fn pull(&self, rays: &[Drawn], gradient: &mut Gradient) {
-        let mut scratch = Scratch::default();
+        let mut lit = Vec::new();
         for &Drawn { view, pixel, jitter } in rays {
             let view = self.views[view];
             let direction = view.camera.direction_through(view.middle(pixel)).normalize();
@@ -119,7 +125,7 @@ impl<'a> Fit<'a> {
                 let miss = seen - wanted;
                 2.0 * miss / (1.0 + miss.length() / REFLECTING)
             };
-            self.field.differentiate(view.camera.center, direction, jitter, slope, &mut scratch, gradient);
+            self.field.differentiate(view.camera.center, direction, jitter, slope, &mut lit, gradient);
         }
     }
 }

@@ -4,7 +4,6 @@ use dvr_core::{Cancellation, Cancelled, Mask, View, signed_distance};
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::field::Scratch;
 use super::fit::Fit;
 use crate::HALF;
 use crate::outline::{Edges, OUTLINE, drawn};
@@ -107,13 +106,13 @@ fn object_shares(fit: &Fit, view: &Shrunk, support: Option<SupportPlane>, asked:
     let is_object = |point: Vec3| {
         point.abs().max_element() < HALF && support.is_none_or(|plane| plane.distance(point) > ON_SUPPORT)
     };
-    let mut scratch = Scratch::default();
+    let mut lit = Vec::new();
     let share = |pixel| {
         if !asked(pixel) {
             return 0.0;
         }
         let direction = view.camera.direction_through(view.middle(pixel)).normalize();
-        fit.field().object_share(view.camera.center, direction, &is_object, &mut scratch)
+        fit.field().object_share(view.camera.center, direction, &is_object, &mut lit)
     };
     (0..view.len()).map(share).collect()
 }
