@@ -120,6 +120,9 @@ pub struct EvalObjectsArgs {
     /// Also compare renders of each mesh with this many views of the object [0 to 100000]
     #[arg(long, default_value_t = 0, value_parser = within(0usize, 100_000), value_name = "N")]
     pub object_views: usize,
+    /// Also write the shape of each object, as CATEGORY/NAME.ply in the folder `shapes` beside the tables
+    #[arg(long, conflicts_with = "merge")]
+    pub keep_shapes: bool,
     /// Occupancy at which the surface lies: lower takes in what is less certain, as thin parts are; where nothing
     /// comes to it, the likeliest points make the surface [0.001 to 0.999; default: that of
     /// the training]

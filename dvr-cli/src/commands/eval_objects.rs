@@ -142,7 +142,16 @@ fn measure(
     let path = out.join(file);
     let mut results = Results::open(&path, measurement.clone())?;
     let predictor = &subject.predictor;
-    let evaluation = Evaluation { dataset, predictor, split, shard, extraction: &extraction, key: &key };
+    let evaluation = Evaluation {
+        dataset,
+        predictor,
+        split,
+        shard,
+        extraction: &extraction,
+        key: &key,
+        shapes: &out.join("shapes"),
+        keeps_shapes: objects.keep_shapes,
+    };
     evaluation.run(&mut results, cancellation, &mut Progress::new())?;
     if cancellation.is_cancelled() {
         eprintln!("stopped; {} objects are in {}. The same command goes on", results.scores.len(), path.display());

@@ -7,10 +7,10 @@ use std::process::ExitCode;
 use anyhow::{Context, Result, anyhow, bail};
 use dvr_core::dataset::{Background, InputPicture, input_picture, list_pictures, mask_from_background, square_around};
 use dvr_core::files::{Claim, FolderKind, OutputFolder, Photo, read_mask, read_photo, write_rgb_png};
-use dvr_core::mesh::{Mesh, write_mesh};
+use dvr_core::mesh::write_mesh;
 use dvr_core::record::{Digest, RecordKey};
 use dvr_core::{Cancellation, Mask};
-use dvr_train::{Checkpoint, MeshOptions, ObjectModel, Observer, Shape, predict};
+use dvr_train::{Checkpoint, MeshOptions, ObjectModel, Observer, predict};
 use image::RgbImage;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -157,12 +157,7 @@ impl Job<'_> {
             std::fs::remove_file(&record).with_context(|| record.display().to_string())?;
         }
         write_mesh(glb, &prediction.shape.drawn())?;
-        match &prediction.shape {
-            Shape::Cloud(cloud) => {
-                write_mesh(ply, &Mesh { vertices: cloud.points.clone(), ..Mesh::default() })?;
-            }
-            shape => write_mesh(ply, &shape.drawn())?,
-        }
+        prediction.shape.write(&ply)?;
         write_rgb_png(&png, &prediction.preview)?;
         keep(&record, &key, Prediction { picture: task.picture.clone(), warnings: prediction.warnings })?;
         Ok(true)

@@ -49,17 +49,27 @@ fn a_dataset_becomes_a_model_that_is_measured_on_unseen_objects_beside_its_basel
     assert_eq!(corpus.read("run/eval_test/summary.csv"), whole);
     refuses(&eval(&["--seed", "1"]), &["objects.jsonl", "seed 0", "--out"]);
 
-    // Rows say what they were made of; one whose object has changed is made again.
+    let object = corpus.read("data/rings/test.lst").lines().next().unwrap().to_owned();
+    // Shapes that are wanted beside the figures are made where they are not there yet.
+    let shapes = run.join("eval_test/shapes");
+    let kept = || succeeds(&eval(&["--keep-shapes"]));
+    assert!(!shapes.exists() && kept() == table);
+    let ring = shapes.join(format!("rings/{object}.ply"));
+    assert!(!dvr_core::mesh::read_mesh(&ring).unwrap().mesh.faces.is_empty() && shapes.join("balls").is_dir());
+    std::fs::remove_file(&ring).unwrap();
+    assert!(kept() == table && ring.is_file());
+
+    // Rows say what they were made of; one whose object has changed is made again, and the shape that it had is gone.
     assert_eq!(corpus.read("run/eval_test/objects.jsonl").matches("\"program\":\"dvr ").count(), 2);
     assert!(corpus.read("run/eval_test/summary.md").contains("dvr 0"), "the table says where it comes from");
-    let object = corpus.read("data/rings/test.lst").lines().next().unwrap().to_owned();
-    let images = corpus.data().join("rings").join(object).join("image");
+    let images = corpus.data().join("rings").join(&object).join("image");
     let original = std::fs::read(images.join("0001.png")).unwrap();
     std::fs::copy(images.join("0002.png"), images.join("0001.png")).unwrap();
     let again = eval(&[]);
     succeeds(&again);
     let said = String::from_utf8_lossy(&again.stderr).into_owned();
     assert!(said.contains("1 object(s) are measured again") && said.contains("evaluating objects 1/1"), "{said}");
+    assert!(!ring.exists() && shapes.join("balls").is_dir());
     std::fs::write(images.join("0001.png"), original).unwrap();
     succeeds(&eval(&[]));
     assert_eq!(corpus.read("run/eval_test/summary.csv"), whole, "the same object, the same figures");

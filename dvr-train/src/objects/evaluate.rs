@@ -1,6 +1,7 @@
 //! Evaluation over a split of a dataset: in parallel, in parts, and from where it was stopped.
 
 use std::collections::HashMap;
+use std::path::{Path, PathBuf};
 use std::sync::mpsc::channel;
 
 use dvr_core::dataset::ObjectDataset;
@@ -47,6 +48,10 @@ pub struct Evaluation<'a> {
     pub extraction: &'a ExtractSettings,
     /// The key of its rows, but for the object's files.
     pub key: &'a RecordKey,
+    /// The folder in which shapes are kept, as `CATEGORY/NAME.ply`.
+    pub shapes: &'a Path,
+    /// Whether they are: otherwise the shape of an object that is measured anew is removed there.
+    pub keeps_shapes: bool,
 }
 
 impl Evaluation<'_> {
@@ -115,12 +120,15 @@ impl Evaluation<'_> {
             done += chunk.len();
             observer.progress(done, "");
         }
-        let is_current =
-            |score: &ObjectScore| keys.get(&(&*score.category, &*score.name)).is_some_and(|(_, key)| *key == score.key);
+        let is_current = |score: &ObjectScore| {
+            let is_kept = !self.keeps_shapes || self.shape_file(&score.category, &score.name).is_file();
+            is_kept && keys.get(&(&*score.category, &*score.name)).is_some_and(|(_, key)| *key == score.key)
+        };
         let dropped = results.keep(is_current)?;
         if dropped > 0 {
             observer.note(&format!(
-                "{dropped} object(s) are measured again: their files, the settings, the program or the machine are others"
+                "{dropped} object(s) are measured again: their files, the settings, the program or the machine are others, or their \
+                shapes were not kept"
             ));
         }
         for (object, problem) in unreadable {
@@ -168,6 +176,13 @@ impl Evaluation<'_> {
         (&object.category, &object.name)
     }
 
+    /// The file of an object's shape, where shapes are kept.
+    fn shape_file(&self, category: &str, name: &str) -> PathBuf {
+        // What a list says must not lead out of the folder.
+        let [category, name] = [category, name].map(|part| part.replace(['/', '\\', '.'], "_"));
+        self.shapes.join(category).join(format!("{name}.ply"))
+    }
+
     fn title(&self, object: usize) -> String {
         let (category, name) = self.name(object);
         format!("{category}/{name}")
@@ -178,6 +193,15 @@ impl Evaluation<'_> {
         let input = evaluated_input(dataset, object, seed)?;
         let truth = dataset.read_ground_truth(object)?;
         let shape = self.predictor.shape(dataset, object, input, self.extraction)?;
+        let (category, name) = self.name(object);
+        let file = self.shape_file(category, name);
+        if self.keeps_shapes {
+            let folder = file.parent().unwrap_or(self.shapes);
+            std::fs::create_dir_all(folder).map_err(|e| dvr_core::Error::io(folder, e))?;
+            shape.write(&file)?;
+        } else if file.is_file() {
+            std::fs::remove_file(&file).map_err(|e| dvr_core::Error::io(&file, e))?;
+        }
         let view_metrics = match shape.mesh() {
             Some(mesh) if views > 0 => {
                 let all = dataset.views(object)?;

@@ -1,10 +1,11 @@
 //! A shape that was made of a picture, whatever it consists of.
 
 use std::borrow::Cow;
+use std::path::Path;
 
 use dvr_core::inside::points_inside;
-use dvr_core::mesh::Mesh;
 use dvr_core::mesh::shapes::vertex_normals;
+use dvr_core::mesh::{Mesh, write_mesh};
 use dvr_core::metrics::shape::SURFACE_SAMPLES;
 use dvr_core::sampling::sample_surface;
 use dvr_core::{GroundTruth, OccupancySamples, PointCloud};
@@ -60,6 +61,19 @@ impl Shape {
         }
         mesh.normals = Some(vertex_normals(&mesh.vertices, &mesh.faces));
         Cow::Owned(mesh)
+    }
+
+    /// Writes the shape as a mesh file: its surface, or points without faces.
+    ///
+    /// # Errors
+    /// When the file cannot be written.
+    pub fn write(&self, path: &Path) -> Result<()> {
+        let points = match self {
+            Self::Mesh(mesh) | Self::OpenMesh(mesh) => return Ok(write_mesh(path, mesh)?),
+            Self::Cloud(cloud) => &cloud.points[..],
+            Self::Samples(samples) => samples.surface.as_ref().map_or(&[][..], |cloud| &cloud.points),
+        };
+        Ok(write_mesh(path, &Mesh { vertices: points.to_vec(), ..Mesh::default() })?)
     }
 
     /// Scores the shape against the truth: pieces of surface and points have no volume.
