@@ -165,7 +165,7 @@ impl RadianceField {
     }
 
     /// What the samples of a ray contribute, from the first on, as far as there is light; the last stops all that is left.
-    /// What stops less than `least` stops nothing. `lit` keeps nothing; it is memory.
+    /// What stops less than `least` stops nothing. `lit` is replaced by it.
     fn composite(&self, samples: impl Iterator<Item = Sample>, least: f32, lit: &mut Vec<Lit>) {
         lit.clear();
         let mut samples = samples.peekable();
@@ -204,7 +204,8 @@ impl RadianceField {
         lit.iter().map(|lit| lit.weight * color(lit.values)).sum()
     }
 
-    /// Adds the gradient of a loss of the colour that a ray sees, `slope`, by that colour. `lit` keeps nothing; it is memory.
+    /// Adds the gradient of a loss of the colour that a ray sees, `slope`, by that colour. `lit` is memory
+    /// to be used again.
     pub fn differentiate(
         &self,
         origin: Vec3,
@@ -235,7 +236,8 @@ impl RadianceField {
         }
     }
 
-    /// The share of a ray's light that surfaces stop where `is_object`, haze left out. `lit` keeps nothing; it is memory.
+    /// The share of a ray's light that surfaces stop where `is_object`, haze left out. `lit` is memory to be used
+    /// again.
     pub fn object_share(
         &self,
         origin: Vec3,
