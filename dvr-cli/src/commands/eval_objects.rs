@@ -138,20 +138,14 @@ fn measure(
     let whole = shard == Shard::WHOLE;
     let file =
         if whole { "objects.jsonl".to_owned() } else { format!("objects-{}-of-{}.jsonl", shard.number, shard.of) };
-    OutputFolder::share(out, FolderKind::Evaluation, &[&SUMMARIES[..], &[&file]].concat())?;
-    let path = out.join(file);
-    let mut results = Results::open(&path, measurement.clone())?;
     let predictor = &subject.predictor;
-    let evaluation = Evaluation {
-        dataset,
-        predictor,
-        split,
-        shard,
-        extraction: &extraction,
-        key: &key,
-        shapes: &out.join("shapes"),
-        keeps_shapes: objects.keep_shapes,
-    };
+    let kept_in = objects.keep_shapes.then_some(out);
+    let evaluation = Evaluation { dataset, predictor, split, shard, extraction: &extraction, key: &key, kept_in };
+    let shapes = if objects.keep_shapes { evaluation.shape_files() } else { Vec::new() };
+    let files: Vec<&str> = SUMMARIES.into_iter().chain([&*file]).chain(shapes.iter().map(String::as_str)).collect();
+    OutputFolder::share(out, FolderKind::Evaluation, &files)?;
+    let path = out.join(&file);
+    let mut results = Results::open(&path, measurement.clone())?;
     evaluation.run(&mut results, cancellation, &mut Progress::new())?;
     if cancellation.is_cancelled() {
         eprintln!("stopped; {} objects are in {}. The same command goes on", results.scores.len(), path.display());

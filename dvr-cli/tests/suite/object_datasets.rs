@@ -59,7 +59,7 @@ fn a_dataset_becomes_a_model_that_is_measured_on_unseen_objects_beside_its_basel
     std::fs::remove_file(&ring).unwrap();
     assert!(kept() == table && ring.is_file());
 
-    // Rows say what they were made of; one whose object has changed is made again, and the shape that it had is gone.
+    // Rows say what they were made of; one whose object has changed is made again.
     assert_eq!(corpus.read("run/eval_test/objects.jsonl").matches("\"program\":\"dvr ").count(), 2);
     assert!(corpus.read("run/eval_test/summary.md").contains("dvr 0"), "the table says where it comes from");
     let images = corpus.data().join("rings").join(&object).join("image");
@@ -69,10 +69,24 @@ fn a_dataset_becomes_a_model_that_is_measured_on_unseen_objects_beside_its_basel
     succeeds(&again);
     let said = String::from_utf8_lossy(&again.stderr).into_owned();
     assert!(said.contains("1 object(s) are measured again") && said.contains("evaluating objects 1/1"), "{said}");
-    assert!(!ring.exists() && shapes.join("balls").is_dir());
     std::fs::write(images.join("0001.png"), original).unwrap();
     succeeds(&eval(&[]));
     assert_eq!(corpus.read("run/eval_test/summary.csv"), whole, "the same object, the same figures");
+    // A shape that is there from other figures is made again; a file of the user's is not touched.
+    let again = eval(&["--keep-shapes"]);
+    assert!(succeeds(&again) == table);
+    assert!(String::from_utf8_lossy(&again.stderr).contains("evaluating objects 1/1"), "the other is current");
+    let other = corpus.path("other");
+    std::fs::create_dir_all(other.join("shapes/rings")).unwrap();
+    let args = ["eval", text(&run), "--split", "test", "--resolution", "16", "--out", text(&other)];
+    refuses(&dvr(&[&args[..], &["--keep-shapes"]].concat()), &["other"]);
+    std::fs::remove_dir_all(other.join("shapes")).unwrap();
+    succeeds(&dvr(&args));
+    let own = other.join(format!("shapes/rings/{object}.ply"));
+    std::fs::create_dir_all(own.parent().unwrap()).unwrap();
+    std::fs::write(&own, "mine").unwrap();
+    refuses(&dvr(&[&args[..], &["--keep-shapes"]].concat()), &[&format!("{object}.ply")]);
+    assert_eq!(std::fs::read_to_string(&own).unwrap(), "mine");
 
     // Beside the baselines.
     let data = corpus.data();

@@ -1,7 +1,7 @@
 //! Evaluation over a split of a dataset: in parallel, in parts, and from where it was stopped.
 
 use std::collections::HashMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::mpsc::channel;
 
 use dvr_core::dataset::ObjectDataset;
@@ -48,10 +48,8 @@ pub struct Evaluation<'a> {
     pub extraction: &'a ExtractSettings,
     /// The key of its rows, but for the object's files.
     pub key: &'a RecordKey,
-    /// The folder in which shapes are kept, as `CATEGORY/NAME.ply`.
-    pub shapes: &'a Path,
-    /// Whether they are: otherwise the shape of an object that is measured anew is removed there.
-    pub keeps_shapes: bool,
+    /// The folder in which shapes are kept, where they are, as [`Evaluation::shape_files`] says.
+    pub kept_in: Option<&'a Path>,
 }
 
 impl Evaluation<'_> {
@@ -94,6 +92,20 @@ impl Evaluation<'_> {
         failed.map_or(Ok(()), Err)
     }
 
+    /// The files in which shapes are kept, within their folder: `shapes/CATEGORY/NAME.ply`.
+    pub fn shape_files(&self) -> Vec<String> {
+        let file = |object| {
+            let (category, name) = self.name(object);
+            shape_file(category, name)
+        };
+        self.objects().map(file).collect()
+    }
+
+    /// The objects of the shard.
+    fn objects(&self) -> impl Iterator<Item = usize> {
+        self.dataset.of_split(self.split).into_iter().skip(self.shard.number - 1).step_by(self.shard.of)
+    }
+
     /// The objects of the shard whose figures are not there yet, with their keys. Rows of other keys leave the results.
     fn wanted(
         &self,
@@ -101,8 +113,7 @@ impl Evaluation<'_> {
         cancellation: &Cancellation,
         observer: &mut dyn Observer,
     ) -> Result<Vec<(usize, RecordKey)>> {
-        let shard = self.dataset.of_split(self.split).into_iter().skip(self.shard.number - 1).step_by(self.shard.of);
-        let shard: Vec<usize> = shard.collect();
+        let shard: Vec<usize> = self.objects().collect();
         observer.phase("reading the objects' files", shard.len());
         let seed = results.measurement.seed;
         let (mut keys, mut unreadable, mut done) = (HashMap::new(), Vec::new(), 0);
@@ -121,7 +132,8 @@ impl Evaluation<'_> {
             observer.progress(done, "");
         }
         let is_current = |score: &ObjectScore| {
-            let is_kept = !self.keeps_shapes || self.shape_file(&score.category, &score.name).is_file();
+            let file = |folder: &Path| folder.join(shape_file(&score.category, &score.name));
+            let is_kept = self.kept_in.is_none_or(|folder| score.is_shape_kept && file(folder).is_file());
             is_kept && keys.get(&(&*score.category, &*score.name)).is_some_and(|(_, key)| *key == score.key)
         };
         let dropped = results.keep(is_current)?;
@@ -176,13 +188,6 @@ impl Evaluation<'_> {
         (&object.category, &object.name)
     }
 
-    /// The file of an object's shape, where shapes are kept.
-    fn shape_file(&self, category: &str, name: &str) -> PathBuf {
-        // What a list says must not lead out of the folder.
-        let [category, name] = [category, name].map(|part| part.replace(['/', '\\', '.'], "_"));
-        self.shapes.join(category).join(format!("{name}.ply"))
-    }
-
     fn title(&self, object: usize) -> String {
         let (category, name) = self.name(object);
         format!("{category}/{name}")
@@ -193,14 +198,12 @@ impl Evaluation<'_> {
         let input = evaluated_input(dataset, object, seed)?;
         let truth = dataset.read_ground_truth(object)?;
         let shape = self.predictor.shape(dataset, object, input, self.extraction)?;
-        let (category, name) = self.name(object);
-        let file = self.shape_file(category, name);
-        if self.keeps_shapes {
-            let folder = file.parent().unwrap_or(self.shapes);
-            std::fs::create_dir_all(folder).map_err(|e| dvr_core::Error::io(folder, e))?;
+        if let Some(folder) = self.kept_in {
+            let (category, name) = self.name(object);
+            let file = folder.join(shape_file(category, name));
+            let within = file.parent().unwrap_or(folder);
+            std::fs::create_dir_all(within).map_err(|e| dvr_core::Error::io(within, e))?;
             shape.write(&file)?;
-        } else if file.is_file() {
-            std::fs::remove_file(&file).map_err(|e| dvr_core::Error::io(&file, e))?;
         }
         let view_metrics = match shape.mesh() {
             Some(mesh) if views > 0 => {
@@ -220,7 +223,13 @@ impl Evaluation<'_> {
             shape: shape.evaluate(&truth, seed)?,
             views: view_metrics,
             has_colors: shape.mesh().is_some_and(|mesh| mesh.colors.is_some()),
+            is_shape_kept: self.kept_in.is_some(),
             key: key.clone(),
         })
     }
+}
+
+/// Where an object's shape is kept.
+fn shape_file(category: &str, name: &str) -> String {
+    format!("shapes/{category}/{name}.ply")
 }

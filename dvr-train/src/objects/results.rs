@@ -63,6 +63,9 @@ pub struct ObjectScore {
     /// Whether the mesh has colours, without which the PSNR of its renders says nothing.
     #[serde(default = "yes")]
     pub has_colors: bool,
+    /// Whether the shape was kept when it was measured.
+    #[serde(default)]
+    pub is_shape_kept: bool,
     /// What the figures were made of.
     pub key: RecordKey,
 }
@@ -276,6 +279,7 @@ pub(crate) mod tests {
             input: 1,
             shape,
             has_colors: true,
+            is_shape_kept: false,
             views: None,
             key: key("dvr 1"),
         }

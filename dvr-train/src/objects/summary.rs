@@ -264,6 +264,7 @@ mod tests {
             shape,
             views: None,
             has_colors: true,
+            is_shape_kept: false,
             key,
         }
     }
