@@ -1,5 +1,6 @@
 //! The trainer of the grid method: steps, stages, checkpoints.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 use burn::tensor::Device;
@@ -43,6 +44,8 @@ pub struct GridTrainer<'a> {
     agreement: Agreement,
     validation: Vec<&'a View>,
     validation_ncc: Option<ValidationNcc<'a>>,
+    /// Those of the grids that growth keeps, where they are known.
+    kept_scores: Option<NccScores>,
     pyramid: PicturePyramid<'a>,
     /// The photographs as this stage sees them.
     photographs: PyramidLevel<'a>,
@@ -164,6 +167,7 @@ impl<'a> GridTrainer<'a> {
         let backend = backend(grids, &photographs, &config, device)?;
         Ok(Self {
             validation_ncc,
+            kept_scores: None,
             weighted: GridConfig { rays: config.rays_of(photographs.order.len()), ..config.clone() },
             agreement: Agreement::FULL,
             config,
@@ -324,12 +328,6 @@ impl<'a> GridTrainer<'a> {
         self.names.iter().cloned().zip(self.exposures.iter().copied()).collect()
     }
 
-    /// Metrics on about this many pixels of the validation views: at their own exposure where light changes.
-    fn validated(&self, field: &GridField, pixels: usize) -> Option<ViewMetrics> {
-        let metrics = if self.exposures.is_empty() { view_metrics } else { view_metrics_at_own_exposure };
-        metrics(field, &self.validation, pixels)
-    }
-
     /// Factor of the step size of the shape: rises to one.
     fn warm_up(&self) -> f64 {
         let is_hollow = self.refinement.is_hollowed() && self.refinement.is_carved_at(self.config.first_cells);
@@ -341,26 +339,31 @@ impl<'a> GridTrainer<'a> {
         if self.further == 0 { self.end_stage() } else { self.end_further() }
     }
 
-    /// The shape of these grids, by the NCC of validation photographs, and how much better it is than what was kept.
-    fn ncc(&self, grids: &Grids) -> NccOfPass {
-        let scores = |grids: &Grids| self.validation_ncc.as_ref().map(|ncc| ncc.scores(grids));
-        let (now, before) = (scores(grids), self.growth.history().1.and_then(scores));
-        NccOfPass {
-            mean: now.as_ref().map(NccScores::mean),
-            gain: now.zip(before).map(|(now, before)| now.gain_over(&before)),
-        }
+    /// The shape of these grids by the NCC of validation photographs; how much better it is than what was kept is in the second.
+    fn ncc(&self, grids: &Grids) -> (Option<NccScores>, NccOfPass) {
+        let judge = self.validation_ncc.as_ref();
+        ncc(judge, grids, self.kept_scores.as_ref(), self.growth.history().1)
     }
 
     /// Ends a stage: keeps its result or takes it back, and grows or ends.
     fn end_stage(&mut self) -> Result<()> {
         let grids = self.backend.grids()?;
-        let ncc = self.ncc(&grids);
-        let reached = Reached {
-            cells: grids.cells(),
-            parameters: grids.parameters(),
-            bytes: grids.field_bytes()?.len(),
-            validation: self.validated(&grids.field(), GROWTH_PIXELS),
-        };
+        let field = grids.field();
+        // What is found out of the same grids does not wait for each other.
+        let (judge, kept_scores, kept) =
+            (self.validation_ncc.as_ref(), self.kept_scores.as_ref(), self.growth.history().1);
+        let (validation, exposures) = (&self.validation, &self.exposures);
+        let (bytes, ((scores, ncc), validation)) = rayon::join(
+            || grids.field_bytes(),
+            || {
+                rayon::join(
+                    || ncc(judge, &grids, kept_scores, kept),
+                    || validated(validation, exposures, &field, GROWTH_PIXELS),
+                )
+            },
+        );
+        let bytes = bytes?.len();
+        let reached = Reached { cells: grids.cells(), parameters: grids.parameters(), bytes, validation };
         self.cancellation.check()?;
         // The NCC does not see into hollows: no stage is taken back to one without them. Where views hardly agree on
         // colours, it says more of highlights than of the shape.
@@ -370,12 +373,16 @@ impl<'a> GridTrainer<'a> {
                 let next = self.refinement.refined(&grids, &self.config);
                 let next = next.inspect_err(|_| self.growth.undecide())?;
                 self.growth.keep(grids.into_owned());
+                self.kept_scores = scores;
                 let cells = next.cells();
                 self.backend.upload(next)?;
                 self.look_at(cells)?;
                 self.pass_start = self.step;
             }
-            Verdict::Stay => self.go_on(ncc.gain)?,
+            Verdict::Stay => {
+                self.kept_scores = scores;
+                self.go_on(ncc.gain)?;
+            }
             Verdict::TakeBack => {
                 if let Some(kept) = self.growth.take_back() {
                     self.backend.upload(kept)?;
@@ -401,7 +408,7 @@ impl<'a> GridTrainer<'a> {
 
     /// Metrics on about this many pixels of the validation views; `None` where there are none.
     pub fn validate(&self, pixels: usize) -> Option<ViewMetrics> {
-        self.validated(&self.field().ok()?, pixels)
+        validated(&self.validation, &self.exposures, &self.field().ok()?, pixels)
     }
 
     /// What was decided since the last time, for people.
@@ -423,6 +430,26 @@ fn backend(
     }
     let _ = (photographs, config, device);
     Ok(Box::new(CpuBackend::new(grids)))
+}
+
+/// The scores of grids, and what they say of the pass: `kept` are the grids that were kept before it, with their scores where these are known.
+fn ncc(
+    judge: Option<&ValidationNcc>,
+    grids: &Grids,
+    kept_scores: Option<&NccScores>,
+    kept: Option<&Grids>,
+) -> (Option<NccScores>, NccOfPass) {
+    let Some(judge) = judge else { return (None, NccOfPass::default()) };
+    let now = judge.scores(grids);
+    let before = kept.map(|kept| kept_scores.map_or_else(|| Cow::Owned(judge.scores(kept)), Cow::Borrowed));
+    let ncc = NccOfPass { mean: Some(now.mean()), gain: before.map(|before| now.gain_over(&before)) };
+    (Some(now), ncc)
+}
+
+/// Metrics on about this many pixels of the validation views: at their own exposure where light changes.
+fn validated(validation: &[&View], exposures: &[Exposure], field: &GridField, pixels: usize) -> Option<ViewMetrics> {
+    let metrics = if exposures.is_empty() { view_metrics } else { view_metrics_at_own_exposure };
+    metrics(field, validation, pixels)
 }
 
 /// The distances of the masks' outlines.

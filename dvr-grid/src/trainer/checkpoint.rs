@@ -78,6 +78,7 @@ impl GridTrainer<'_> {
         self.look_at(grids.cells())?;
         self.expose(progress.exposures)?;
         self.growth.resume(progress.reached, kept);
+        self.kept_scores = None;
         (self.finished, self.rays_drawn, self.step) = (progress.finished, progress.rays_drawn, steps);
         self.backend.upload(grids)?;
         let is_cut_short = !self.finished && steps > 0 && steps == self.end_of_pass();

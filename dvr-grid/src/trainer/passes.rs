@@ -2,6 +2,7 @@
 
 use super::GridTrainer;
 use crate::error::Result;
+use crate::growth::NccOfPass;
 use crate::validation_ncc::Gain;
 
 /// Where further passes begin on the way from the first step size to the last, as a share of its logarithm: what was
@@ -37,11 +38,12 @@ impl GridTrainer<'_> {
     /// Ends a further pass: takes it back and finishes where it gained nothing that stands out from the noise.
     pub(super) fn end_further(&mut self) -> Result<()> {
         let grids = self.backend.grids()?;
-        let gain = self.ncc(&grids).gain;
+        let (scores, NccOfPass { gain, .. }) = self.ncc(&grids);
         self.cancellation.check()?;
         let is_kept = self.growth.keeps_further(&self.config, grids.cells(), gain);
         self.notes.extend(self.growth.notes());
         if is_kept {
+            self.kept_scores = scores;
             return self.go_on(gain);
         }
         if let Some(before) = self.growth.take_back() {
