@@ -1,4 +1,4 @@
-//! The field of an object that two pictures show: one as it is, the other in a mirror.
+//! The field of an object that two pictures show, one as it is, the other in a mirror; or that is its own mirror image.
 
 use burn::tensor::{Device, Int, Tensor};
 use dvr_core::MirrorAxis;
@@ -9,20 +9,40 @@ use glam::Vec3;
 use crate::conditioned::Conditioned;
 
 /// The field of one object: that of object 0 of a model's field or, with a mirror, the mean of that and of object 1 in the mirror,
-/// both by their logits and by their colours.
+/// both by their logits and by their colours. Of an object that is its own mirror image it is the mean of what both say of a point
+/// and of its mirror image.
 ///
 /// A picture and the same one flipped from left to right show an object and its mirror image: what a network says of both
-/// differs by its errors alone.
+/// differs by its errors alone. So does what it says of the halves of a symmetric object, of which a picture hides one.
 #[derive(Clone, Debug)]
 pub struct ObjectField {
     field: Conditioned,
+    /// What it is the mean of; at least one.
+    parts: Vec<Part>,
+}
+
+/// An object of a model's field, as it is or in the mirror.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Part {
+    object: usize,
     mirror: Option<MirrorAxis>,
 }
 
 impl ObjectField {
     /// Of the field of one object, or with `mirror` of two, the second being the mirror image of the first.
     pub fn new(field: Conditioned, mirror: Option<MirrorAxis>) -> Self {
-        Self { field, mirror }
+        let parts = std::iter::once(Part { object: 0, mirror: None });
+        let in_mirror = mirror.map(|axis| Part { object: 1, mirror: Some(axis) });
+        Self { field, parts: parts.chain(in_mirror).collect() }
+    }
+
+    /// The same of an object that is its own mirror image.
+    #[must_use]
+    pub fn symmetric(mut self, axis: MirrorAxis) -> Self {
+        let turned = |part: &Part| Part { mirror: part.mirror.is_none().then_some(axis), ..*part };
+        let turned: Vec<Part> = self.parts.iter().map(turned).filter(|part| !self.parts.contains(part)).collect();
+        self.parts.extend(turned);
+        self
     }
 
     /// The field that it is made of.
@@ -30,41 +50,60 @@ impl ObjectField {
         &self.field
     }
 
-    /// A query of the object, and of its mirror image.
-    fn both(&self, query: &Query, axis: MirrorAxis) -> [Query; 2] {
-        let device = query.points.device();
-        let mirrored = |vectors: &Tensor<2>| in_mirror(vectors, axis);
-        let object = |row: i64| -> Option<Tensor<1, Int>> { Some(Tensor::full([query.len()], row, &device)) };
-        let there = Query {
-            points: mirrored(&query.points),
-            directions: query.directions.as_ref().map(mirrored),
-            object: object(1),
-        };
-        [Query { object: object(0), ..query.clone() }, there]
+    /// The part that it is, where it is a mean of no others.
+    fn is_plain(&self) -> bool {
+        self.parts.len() == 1
+    }
+
+    /// What a part is asked where the object is asked `query`.
+    fn query(query: &Query, Part { object, mirror }: Part) -> Query {
+        let seen = |vectors: &Tensor<2>| in_mirror(vectors, mirror);
+        let object: Tensor<1, Int> = Tensor::full([query.len()], object as i64, &query.points.device());
+        Query { points: seen(&query.points), directions: query.directions.as_ref().map(seen), object: Some(object) }
+    }
+
+    /// The mean of what the parts answer.
+    fn mean<T>(
+        &self,
+        query: &Query,
+        ask: impl Fn(&Query, Part) -> T,
+        add: impl Fn(T, T) -> T,
+        scale: impl Fn(T, f64) -> T,
+    ) -> T {
+        let mut answers = self.parts.iter().map(|part| ask(&Self::query(query, *part), *part));
+        let first = answers.next().expect("there is a part");
+        scale(answers.fold(first, add), 1.0 / self.parts.len() as f64)
     }
 }
 
-/// Vectors `[n, 3]` in the mirror.
-fn in_mirror(vectors: &Tensor<2>, axis: MirrorAxis) -> Tensor<2> {
+/// Vectors `[n, 3]` in the mirror, where there is one.
+fn in_mirror(vectors: &Tensor<2>, mirror: Option<MirrorAxis>) -> Tensor<2> {
+    let Some(axis) = mirror else { return vectors.clone() };
     let signs = Tensor::<2>::from_floats([axis.mirrored(Vec3::ONE).to_array()], &vectors.device());
     vectors.clone() * signs
 }
 
-fn mean(a: FieldValues, b: FieldValues) -> FieldValues {
-    FieldValues { occupancy_logit: (a.occupancy_logit + b.occupancy_logit) * 0.5, color: (a.color + b.color) * 0.5 }
+fn sum(a: FieldValues, b: FieldValues) -> FieldValues {
+    FieldValues { occupancy_logit: a.occupancy_logit + b.occupancy_logit, color: a.color + b.color }
+}
+
+fn scaled(values: FieldValues, factor: f64) -> FieldValues {
+    FieldValues { occupancy_logit: values.occupancy_logit * factor, color: values.color * factor }
 }
 
 impl Field for ObjectField {
     fn evaluate(&self, query: &Query) -> FieldValues {
-        let Some(axis) = self.mirror else { return self.field.evaluate(query) };
-        let [here, there] = self.both(query, axis).map(|query| self.field.evaluate(&query));
-        mean(here, there)
+        if self.is_plain() {
+            return self.field.evaluate(query);
+        }
+        self.mean(query, |query, _| self.field.evaluate(query), sum, scaled)
     }
 
     fn occupancy_logit(&self, query: &Query) -> Tensor<1> {
-        let Some(axis) = self.mirror else { return self.field.occupancy_logit(query) };
-        let [here, there] = self.both(query, axis).map(|query| self.field.occupancy_logit(&query));
-        (here + there) * 0.5
+        if self.is_plain() {
+            return self.field.occupancy_logit(query);
+        }
+        self.mean(query, |query, _| self.field.occupancy_logit(query), |a, b| a + b, |sum, factor| sum * factor)
     }
 
     fn device(&self) -> Device {
@@ -74,74 +113,96 @@ impl Field for ObjectField {
 
 impl Differentiable for ObjectField {
     fn jet(&self, query: &Query, direction: Tensor<2>) -> FieldJet {
-        let Some(axis) = self.mirror else { return self.field.jet(query, direction) };
-        let [here, there] = self.both(query, axis);
-        let there = self.field.jet(&there, in_mirror(&direction, axis));
-        let here = self.field.jet(&here, direction);
-        FieldJet { value: mean(here.value, there.value), derivative: mean(here.derivative, there.derivative) }
+        if self.is_plain() {
+            return self.field.jet(query, direction);
+        }
+        let jet = |query: &Query, part: Part| self.field.jet(query, in_mirror(&direction, part.mirror));
+        let add = |a: FieldJet, b: FieldJet| FieldJet {
+            value: sum(a.value, b.value),
+            derivative: sum(a.derivative, b.derivative),
+        };
+        let scale = |jet: FieldJet, factor: f64| FieldJet {
+            value: scaled(jet.value, factor),
+            derivative: scaled(jet.derivative, factor),
+        };
+        self.mean(query, jet, add, scale)
     }
 
     fn occupancy_gradient(&self, query: &Query) -> Tensor<2> {
-        let Some(axis) = self.mirror else { return self.field.occupancy_gradient(query) };
-        let [here, there] = self.both(query, axis).map(|query| self.field.occupancy_gradient(&query));
-        (here + in_mirror(&there, axis)) * 0.5
+        if self.is_plain() {
+            return self.field.occupancy_gradient(query);
+        }
+        let gradient = |query: &Query, part: Part| in_mirror(&self.field.occupancy_gradient(query), part.mirror);
+        self.mean(query, gradient, |a, b| a + b, |sum, factor| sum * factor)
     }
 }
 
 impl Crossing for ObjectField {
     fn own_marcher(&self, settings: MarchSettings) -> Option<Box<dyn Marcher + '_>> {
         // The kernel knows one network and one code.
-        if self.mirror.is_some() { None } else { self.field.own_marcher(settings) }
+        if self.is_plain() { self.field.own_marcher(settings) } else { None }
     }
 
     fn snapshots(&self) -> Vec<Snapshot> {
-        let mut snapshots = self.field.snapshots();
-        match (self.mirror, snapshots.len()) {
-            (Some(axis), 2) => {
-                let there = snapshots.remove(1);
-                vec![Box::new(MeanSnapshot { here: snapshots.remove(0), there, axis })]
-            }
-            _ => snapshots,
+        let objects = self.field.snapshots();
+        let is_whole = self.parts.iter().all(|part| part.object < objects.len());
+        if self.is_plain() || !is_whole {
+            return objects;
         }
+        vec![Box::new(MeanSnapshot { objects, parts: self.parts.clone() })]
     }
 }
 
 /// The mean off the tensors.
 struct MeanSnapshot {
-    here: Snapshot,
-    there: Snapshot,
-    axis: MirrorAxis,
+    objects: Vec<Snapshot>,
+    parts: Vec<Part>,
+}
+
+impl Part {
+    fn seen(self, vectors: &[Vec3]) -> Vec<Vec3> {
+        vectors.iter().map(|vector| self.mirror.map_or(*vector, |axis| axis.mirrored(*vector))).collect()
+    }
 }
 
 impl MeanSnapshot {
-    fn mirrored(&self, vectors: &[Vec3]) -> Vec<Vec3> {
-        vectors.iter().map(|vector| self.axis.mirrored(*vector)).collect()
+    /// The mean of what the parts say of each of `count` places; `None` where one says nothing.
+    fn mean<T: Copy>(
+        &self,
+        ask: impl Fn(&Snapshot, Part) -> Option<Vec<T>>,
+        add: impl Fn(T, T) -> T,
+        scale: impl Fn(T, f32) -> T,
+    ) -> Option<Vec<T>> {
+        let mut answers = self.parts.iter().map(|part| ask(&self.objects[part.object], *part));
+        let mut sums = answers.next()??;
+        for answer in answers {
+            sums.iter_mut().zip(answer?).for_each(|(sum, value)| *sum = add(*sum, value));
+        }
+        let factor = 1.0 / self.parts.len() as f32;
+        sums.iter_mut().for_each(|sum| *sum = scale(*sum, factor));
+        Some(sums)
     }
 }
 
 impl ScalarField for MeanSnapshot {
     fn logits(&self, points: &[Vec3]) -> Vec<f32> {
-        let mut logits = self.here.logits(points);
-        let there = self.there.logits(&self.mirrored(points));
-        logits.iter_mut().zip(there).for_each(|(here, there)| *here = 0.5 * (*here + there));
-        logits
+        let logits = |object: &Snapshot, part: Part| Some(object.logits(&part.seen(points)));
+        self.mean(logits, |a, b| a + b, |sum, factor| sum * factor).unwrap_or_default()
     }
 
     fn gradients(&self, points: &[Vec3]) -> Option<Vec<Vec3>> {
-        let mut gradients = self.here.gradients(points)?;
-        let there = self.there.gradients(&self.mirrored(points))?;
-        gradients.iter_mut().zip(there).for_each(|(here, there)| *here = 0.5 * (*here + self.axis.mirrored(there)));
-        Some(gradients)
+        let gradients = |object: &Snapshot, part: Part| Some(part.seen(&object.gradients(&part.seen(points))?));
+        self.mean(gradients, |a, b| a + b, |sum, factor| sum * factor)
     }
 
     fn colors(&self, points: &[Vec3], normals: &[Vec3], directions: Option<&[Vec3]>) -> Option<Vec<[f32; 3]>> {
-        let mut colors = self.here.colors(points, normals, directions)?;
-        let directions = directions.map(|directions| self.mirrored(directions));
-        let there = self.there.colors(&self.mirrored(points), &self.mirrored(normals), directions.as_deref())?;
-        for (here, there) in colors.iter_mut().zip(there) {
-            *here = [0, 1, 2].map(|channel| 0.5 * (here[channel] + there[channel]));
-        }
-        Some(colors)
+        let colors = |object: &Snapshot, part: Part| {
+            let directions = directions.map(|directions| part.seen(directions));
+            let colors = object.colors(&part.seen(points), &part.seen(normals), directions.as_deref())?;
+            Some(colors.into_iter().map(Vec3::from_array).collect())
+        };
+        let means = self.mean(colors, |a, b| a + b, |sum, factor| sum * factor)?;
+        Some(means.into_iter().map(|color| color.to_array()).collect())
     }
 }
 
@@ -178,7 +239,7 @@ mod tests {
             let object = Some(Tensor::full([3], row, &device));
             field.evaluate(&Query { object, ..Query::new(Tensor::from_floats(points, &device)) })
         };
-        let expected = mean(of(0, 1.0), of(1, -1.0));
+        let expected = scaled(sum(of(0, 1.0), of(1, -1.0)), 0.5);
         let query = Query::new(Tensor::from_floats(POINTS, &device));
         let found = both.evaluate(&query);
         let [logits, colors] = [numbers(expected.occupancy_logit), numbers(expected.color)];
@@ -208,6 +269,40 @@ mod tests {
                 let slope = (above - below) / (2.0 * step);
                 assert!((gradient[3 * point + axis] - slope).abs() < 0.02 * slope.abs().max(0.5), "{axis} {point}");
             }
+        }
+    }
+
+    #[test]
+    fn an_object_that_is_its_own_mirror_image_has_one_value_on_both_sides() {
+        let (field, both) = fields();
+        let device = Device::flex();
+        for (alone, whole) in [(ObjectField::new(field, None), false), (both, true)] {
+            let symmetric = alone.clone().symmetric(MirrorAxis::X);
+            let at = |field: &ObjectField, sign: f32| {
+                let points = POINTS.map(|[x, y, z]| [sign * x, y, z]);
+                let query = Query::new(Tensor::from_floats(points, &device));
+                let values = field.evaluate(&query);
+                let gradient =
+                    numbers(in_mirror(&field.occupancy_gradient(&query), Some(MirrorAxis::X).filter(|_| sign < 0.0)));
+                [numbers(values.occupancy_logit), numbers(values.color), gradient]
+            };
+            let (here, there) = (at(&symmetric, 1.0), at(&symmetric, -1.0));
+            for (k, (here, there)) in here.iter().zip(&there).enumerate() {
+                assert!(max_difference(here, there) < 1e-5, "{whole} {k}");
+                // The mean of what is said of both sides.
+                let [right, left] = [1.0, -1.0].map(|sign| at(&alone, sign)[k].clone());
+                let mean: Vec<f32> = right.iter().zip(&left).map(|(a, b)| 0.5 * (a + b)).collect();
+                assert!(max_difference(here, &mean) < 1e-5 && max_difference(&right, &left) > 1e-3, "{whole} {k}");
+            }
+            let [snapshot] = &symmetric.snapshots()[..] else { panic!("one object") };
+            let points = POINTS.map(Vec3::from_array);
+            assert!(max_difference(&snapshot.logits(&points), &here[0]) < 1e-5);
+            assert!(max_difference(snapshot.colors(&points, &points, None).unwrap().as_flattened(), &here[1]) < 1e-5);
+            let gradients: Vec<f32> =
+                snapshot.gradients(&points).unwrap().iter().flat_map(|slope| slope.to_array()).collect();
+            assert!(max_difference(&gradients, &here[2]) < 1e-4);
+            // Said twice, it is the same.
+            assert_eq!(symmetric.clone().symmetric(MirrorAxis::X).parts, symmetric.parts);
         }
     }
 

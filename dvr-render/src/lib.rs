@@ -69,7 +69,7 @@ pub use march::{
     Bracket, Hits, HostRays, March, MarchSettings, Marcher, RayStatus, Rays, RootMethod, SnapshotMarcher, TensorMarcher,
 };
 pub use shade::{FieldShader, MeshShader, RenderSettings, Shaded, Shader};
-pub use silhouette::{FittedField, SilhouetteFit};
+pub use silhouette::{FittedField, SilhouetteFit, silhouette_overlap};
 pub use skip::SkipGrid;
 pub use slope_rule::{SlopeRule, dot};
 pub use surface::Surface;

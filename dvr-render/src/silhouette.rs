@@ -1,4 +1,4 @@
-//! A field made to fit the silhouette that one picture shows.
+//! A field made to fit the silhouette that one picture shows, and how well one fits it.
 
 use dvr_core::{Bilinear, Camera, Mask, UnitCube};
 use glam::{Vec2, Vec3};
@@ -7,6 +7,10 @@ use crate::field::scalar::ScalarField;
 
 /// Samples of a ray in the cube.
 const SAMPLES: usize = 128;
+
+/// The same where silhouettes are only compared, and the most pixels along an edge that are looked at.
+const OVERLAP_SAMPLES: usize = 48;
+const OVERLAP_SIDE: u32 = 32;
 
 /// Coverage, of 255, from which a pixel shows the object: a pixel that a thin part crosses is not full of it.
 const SHOWN: u8 = 90;
@@ -53,7 +57,7 @@ impl SilhouetteFit {
             Self { camera: camera.clone(), shift: vec![0.0; width as usize * height as usize], raised: Vec::new() };
         // Row by row, which is enough for all cores and little memory.
         for v in 0..height {
-            let rays: Vec<PixelRay> = (0..width).filter_map(|u| PixelRay::new(camera, mask, u, v)).collect();
+            let rays: Vec<PixelRay> = (0..width).filter_map(|u| PixelRay::new(camera, mask, u, v, SAMPLES)).collect();
             let points: Vec<Vec3> = rays.iter().flat_map(|ray| &ray.points).copied().collect();
             for (ray, logits) in rays.iter().zip(field.logits(&points).chunks(SAMPLES)) {
                 fit.fit(ray, logits);
@@ -121,19 +125,41 @@ impl SilhouetteFit {
 
 impl PixelRay {
     /// `None` where the pixel is neither, or its ray misses the cube.
-    fn new(camera: &Camera, mask: &Mask, u: u32, v: u32) -> Option<Self> {
+    fn new(camera: &Camera, mask: &Mask, u: u32, v: u32, samples: usize) -> Option<Self> {
         let coverage = mask.coverage.get_pixel(u, v).0[0];
         let shown = coverage >= SHOWN;
         let ray = camera.pixel_ray(u, v);
         let (entry, exit) = UnitCube::default().intersect(&ray).filter(|_| shown || coverage == 0)?;
-        let step = (exit - entry) / SAMPLES as f64;
+        let step = (exit - entry) / samples as f64;
         Some(Self {
             index: v as usize * camera.width as usize + u as usize,
             shown,
-            points: (0..SAMPLES).map(|i| ray.at(entry + (i as f64 + 0.5) * step).as_vec3()).collect(),
+            points: (0..samples).map(|i| ray.at(entry + (i as f64 + 0.5) * step).as_vec3()).collect(),
             pixel: 1.0 / (camera.intrinsics.x_axis.x.abs() * step * ray.direction.length()).max(1e-9),
         })
     }
+}
+
+/// How well a field has the silhouette that a camera sees: intersection over union, of some of the pixels that are either full of the
+/// object or without it. `None` where mask and camera are not of one size, or nothing is to be seen of either.
+pub fn silhouette_overlap(field: &(impl ScalarField + ?Sized), camera: &Camera, mask: &Mask) -> Option<f64> {
+    let (width, height) = mask.size();
+    if (width, height) != (camera.width, camera.height) {
+        return None;
+    }
+    let stride = width.max(height).div_ceil(OVERLAP_SIDE).max(1) as usize;
+    let (mut both, mut either) = (0usize, 0usize);
+    for v in (0..height).step_by(stride) {
+        let rays = (0..width).step_by(stride).filter_map(|u| PixelRay::new(camera, mask, u, v, OVERLAP_SAMPLES));
+        let rays: Vec<PixelRay> = rays.collect();
+        let points: Vec<Vec3> = rays.iter().flat_map(|ray| &ray.points).copied().collect();
+        for (ray, logits) in rays.iter().zip(field.logits(&points).chunks(OVERLAP_SAMPLES)) {
+            let is_met = logits.iter().any(|logit| *logit > 0.0);
+            both += usize::from(ray.shown && is_met);
+            either += usize::from(ray.shown || is_met);
+        }
+    }
+    (either > 0).then(|| both as f64 / either as f64)
 }
 
 /// A field with the silhouette of a picture.
@@ -269,8 +295,23 @@ mod tests {
     }
 
     #[test]
+    fn what_has_more_of_the_silhouette_overlaps_more() {
+        let (camera, mask) = (camera(), mask());
+        let overlap = |field: &dyn Fn(&[Vec3]) -> Vec<f32>| silhouette_overlap(&field, &camera, &mask).unwrap();
+        let of = |points: &[Vec3]| -> Vec<f32> {
+            points.iter().map(|point| if is_object(*point) { 1.0 } else { -1.0 }).collect()
+        };
+        let moved = |points: &[Vec3]| of(&points.iter().map(|point| *point + 0.2 * Vec3::X).collect::<Vec<_>>());
+        let (whole, part, aside) = (overlap(&of), overlap(&field), overlap(&moved));
+        // The post is thinner than samples are apart: it is met here and there.
+        assert!(whole > 0.9 && part < whole && aside < 0.6, "{whole} {part} {aside}");
+        assert_eq!(overlap(&|points| vec![-1.0; points.len()]), 0.0);
+    }
+
+    #[test]
     fn a_mask_of_another_size_fits_nothing() {
         let other = Mask::from(GrayImage::new(SIZE + 1, SIZE));
         assert!(SilhouetteFit::new(&field, &camera(), &other).is_none());
+        assert!(silhouette_overlap(&field, &camera(), &other).is_none());
     }
 }

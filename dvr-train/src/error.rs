@@ -75,6 +75,11 @@ pub enum Error {
         /// The method.
         method: String,
     },
+    /// Objects were to be taken for their own mirror images by a model that knows of no mirror.
+    #[error(
+        "the model learned without a mirror, so its objects cannot be taken for their own mirror images: leave --symmetry out"
+    )]
+    NoMirror,
     /// A threshold was given for a method whose shapes have no occupancies.
     #[error("method {method} makes no occupancies, so that no threshold moves its surface: leave --threshold out")]
     NoOccupancies {

@@ -96,8 +96,8 @@ pub use methods::{METHODS, MethodEntry, load_model, method_by_name, method_of};
 pub use objects::predict::{Prediction, predict};
 pub use objects::{
     Evaluation, FieldsModel, MeanScore, MeanShapes, Measurement, Mirror, NearestPicture, ObjectModel, ObjectScore,
-    ObjectsConfig, ObjectsMetrics, ObjectsTrainer, Predictor, Results, Shape, Shard, StoredResults, Summary, System,
-    SystemConfig, SystemModel, SystemTrainer, TrainedObjects, Unmeasured, evaluated_input, finish_objects,
+    ObjectsConfig, ObjectsMetrics, ObjectsTrainer, Predictor, Results, Shape, Shard, StoredResults, Summary, Symmetry,
+    System, SystemConfig, SystemModel, SystemTrainer, TrainedObjects, Unmeasured, evaluated_input, finish_objects,
     merge_results, read_results, resolved_for_dataset, to_markdown, train_objects, write_summaries,
 };
 pub use observer::Observer;

@@ -9,6 +9,7 @@ use dvr_train::Shard;
 use super::device::BackendArg;
 use super::mesh::MeshingArgs;
 use super::scene::SceneArgs;
+use super::symmetry::SymmetryArg;
 use super::train::ObjectsArgs;
 use super::values::{parse_length, parse_shard, within};
 
@@ -110,7 +111,7 @@ pub struct EvalObjectsArgs {
     #[arg(long, value_enum, value_name = "SPLIT")]
     pub split: Option<SplitArg>,
     /// Folder for objects.jsonl and the tables summary.{json,csv,md}; objects in objects.jsonl are not measured again
-    /// [default: eval_SPLIT in the run, with --threshold eval_SPLIT_at_OCCUPANCY]
+    /// [default: eval_SPLIT in the run; with --threshold and --symmetry eval_SPLIT_at_OCCUPANCY_symmetry_on]
     #[arg(long, short, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Evaluate one part of the objects, for a cluster's job array: 3/16 is the third of sixteen parts
@@ -128,6 +129,9 @@ pub struct EvalObjectsArgs {
     /// the training]
     #[arg(long, value_parser = within(0.001f64, 0.999), value_name = "OCCUPANCY", conflicts_with_all = ["baseline", "merge"])]
     pub threshold: Option<f64>,
+    /// Whether objects are taken for their own mirror images [default: as the training found, which config.json says]
+    #[arg(long, value_enum, value_name = "WHETHER", conflicts_with_all = ["baseline", "merge"])]
+    pub symmetry: Option<SymmetryArg>,
     /// Evaluate a baseline instead of a run
     #[arg(long, value_enum, requires = "data", requires = "out")]
     pub baseline: Option<Baseline>,

@@ -7,6 +7,7 @@ use dvr_core::dataset::BackgroundColor;
 
 use super::device::{BackendArg, MemoryArg};
 use super::mesh::SurfaceArgs;
+use super::symmetry::SymmetryArg;
 use super::values::within;
 
 /// Arguments of `dvr predict`.
@@ -53,6 +54,10 @@ pub struct PredictArgs {
     /// the training]
     #[arg(long, value_parser = within(0.001f64, 0.999), value_name = "OCCUPANCY")]
     pub threshold: Option<f64>,
+    /// Whether objects are taken for their own mirror images: one that is not is better seen without [default: as the
+    /// training found, which config.json says]
+    #[arg(long, value_enum, value_name = "WHETHER")]
+    pub symmetry: Option<SymmetryArg>,
     #[command(flatten)]
     pub surface: SurfaceArgs,
     #[command(flatten)]

@@ -118,9 +118,9 @@ pub fn run(args: &EvalArgs, cancellation: &Cancellation) -> Result<ExitCode> {
 fn refuse_objects(args: &EvalArgs) -> Result<()> {
     let objects = &args.objects;
     let has_folder = objects.split.is_some() || objects.shard.is_some() || objects.out.is_some();
-    if has_folder || objects.object_views > 0 || objects.threshold.is_some() {
+    if has_folder || objects.object_views > 0 || objects.threshold.is_some() || objects.symmetry.is_some() {
         bail!(
-            "--split, --out, --shard, --object-views and --threshold are for models of many objects, and this is a single \
+            "--split, --out, --shard, --object-views, --threshold and --symmetry are for models of many objects, and this is a single \
              scene's; its figures go to --json FILE"
         );
     }

@@ -46,6 +46,10 @@ pub fn of_run(args: &EvalArgs, run: &Path, checkpoint: &Checkpoint, cancellation
     if let Some(threshold) = threshold {
         model = model.with_threshold(threshold)?;
     }
+    let symmetry = args.objects.symmetry;
+    if let Some(symmetry) = symmetry {
+        model = model.with_symmetry(symmetry.is_on())?;
+    }
     let root = args.data.as_ref().unwrap_or(&checkpoint.header.scene);
     let mut options = options_of_run(checkpoint)?;
     let given = &args.objects.reading;
@@ -58,7 +62,8 @@ pub fn of_run(args: &EvalArgs, run: &Path, checkpoint: &Checkpoint, cancellation
     let folder = if run.is_dir() { run.to_owned() } else { run.parent().unwrap_or(Path::new(".")).to_owned() };
     let split = args.objects.split.unwrap_or(SplitArg::Test);
     let split_name = split.to_possible_value().map_or(String::new(), |value| value.get_name().to_owned());
-    let at = args.objects.threshold.map_or_else(String::new, |threshold| format!("_at_{threshold}"));
+    let at = threshold.map_or_else(String::new, |threshold| format!("_at_{threshold}"));
+    let at = at + &symmetry.map_or_else(String::new, |symmetry| format!("_symmetry_{}", symmetry.name()));
     let out = args.objects.out.clone().unwrap_or_else(|| folder.join(format!("eval_{split_name}{at}")));
     let name = folder.canonicalize().ok().and_then(|path| Some(path.file_name()?.to_string_lossy().into_owned()));
     let name = name.unwrap_or_else(|| "run".to_owned());
@@ -66,10 +71,15 @@ pub fn of_run(args: &EvalArgs, run: &Path, checkpoint: &Checkpoint, cancellation
     if let Some(threshold) = threshold {
         config = json!({"method": config, "threshold": threshold});
     }
+    if let Some(symmetry) = symmetry {
+        config = json!({"method": config, "symmetry": symmetry.name()});
+    }
+    let of = threshold.map_or(name.clone(), |threshold| format!("{name}, surface at {threshold}"));
+    let of = symmetry.map_or(of.clone(), |symmetry| format!("{of}, symmetry {}", symmetry.name()));
     let subject = Subject {
         digest: Digest::of_all([&Digest::of_bytes(&checkpoint.state.model), &Digest::of_json(&config)]),
         predictor: Predictor::Model(Box::new(model)),
-        name: threshold.map_or(name.clone(), |threshold| format!("{name}, surface at {threshold}")),
+        name: of,
         steps: checkpoint.header.step,
         device: args.backend.backend.described(),
     };

@@ -18,7 +18,7 @@ use serde_json::{Value, json};
 use super::kept_row::{Kept, keep, kept};
 use super::provenance::record_key;
 use super::{OBJECT_RESOLUTION, load_run, surface_options};
-use crate::args::PredictArgs;
+use crate::args::{PredictArgs, SymmetryArg};
 use crate::memory;
 use crate::progress::Progress;
 
@@ -77,6 +77,9 @@ pub fn run(args: &PredictArgs, cancellation: &Cancellation) -> Result<ExitCode> 
     if let Some(threshold) = args.threshold {
         model = model.with_threshold(threshold)?;
     }
+    if let Some(symmetry) = args.symmetry {
+        model = model.with_symmetry(symmetry.is_on())?;
+    }
     let tasks = tasks(args)?;
     let job = Job {
         args,
@@ -134,6 +137,7 @@ fn settings(args: &PredictArgs, checkpoint: &Checkpoint) -> Value {
         "background_threshold": args.background_threshold,
         "crop": args.crop,
         "threshold": args.threshold,
+        "symmetry": args.symmetry.map(SymmetryArg::name),
         "surface": format!("{surface:?}"),
     })
 }

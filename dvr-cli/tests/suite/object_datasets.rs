@@ -145,6 +145,7 @@ fn systems_of_other_papers_train_measure_predict_and_export_as_dvr_does() {
             "r2n2" | "drc" | "onet" => assert!(succeeds(&at).contains("surface at 0.3"), "{system}"),
             _ => refuses(&at, &[system, "no occupancies"]),
         }
+        refuses(&dvr(&["eval", text(&run), "--symmetry", "on"]), &["mirror", "--symmetry"]);
         let export = corpus.path(&format!("{system}.safetensors"));
         succeeds(&dvr(&["export", text(&run), "--out", text(&export)]));
         let bytes = std::fs::read(&export).unwrap();
@@ -169,6 +170,8 @@ fn the_local_encoder_sees_views_in_training_and_guesses_the_camera_of_other_pict
         let small = ["encoder.width=2", "encoder.channels=4", "objects=4", "rays=32", "validate_objects=2"];
         // What has learned nothing yet is on both sides of a half.
         let small = small.into_iter().chain(["model.hidden=16", "model.code_dim=8", "threshold=0.5"]);
+        // Balls and rings are their own mirror images; hulls of six views are not.
+        let small = small.chain(["mirror=x", "symmetry=on"]);
         let small: Vec<&str> = small.flat_map(|setting| ["--set", setting]).collect();
         let (data, run) = (corpus.data(), corpus.path("local"));
         dvr(&[&["train", text(&data), "--out", text(&run), "--steps", "4"], &small[..], more].concat())
@@ -180,11 +183,20 @@ fn the_local_encoder_sees_views_in_training_and_guesses_the_camera_of_other_pict
         let table = succeeds(&dvr(&["eval", text(&run), "--resolution", "16", "--object-views", "1"]));
         assert!(table.contains("Chamfer-L1 (x10)"), "{table}");
     }
+    // Evaluation may doubt it.
+    let doubted = succeeds(&dvr(&["eval", text(&run), "--resolution", "16", "--symmetry", "off"]));
+    assert!(doubted.contains("symmetry off"), "{doubted}");
+    let [found, doubted] = ["", "_symmetry_off"].map(|so| corpus.read(&format!("local/eval_test{so}/summary.csv")));
+    assert_ne!(found, doubted);
     let object = corpus.read("data/rings/test.lst").lines().next().unwrap().to_owned();
     let picture = corpus.data().join("rings").join(object).join("image/0001.png");
     let out = corpus.path("local_meshes");
-    succeeds(&dvr(&["predict", text(&run), text(&picture), "--out", text(&out), "--resolution", "16"]));
-    assert!(out.join("0001.glb").is_file());
+    let predict = |more: &[&str]| {
+        let predict = ["predict", text(&run), text(&picture), "--out", text(&out), "--resolution", "16"];
+        succeeds(&dvr(&[&predict, more].concat()));
+        std::fs::read(out.join("0001.glb")).unwrap()
+    };
+    assert_ne!(predict(&[]), predict(&["--symmetry", "off"]));
     refuses(&train(&["--overwrite", "--encoder", "local", "--inputs", text(&corpus.data())]), &["--inputs", "local"]);
     refuses(&train(&["--overwrite", "--encoder", "vgg"]), &["vgg", "resnet18"]);
     assert!(run.join("last.ckpt").is_file(), "what was there is kept");

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::hulls::Hulls;
-use super::mirror::Mirror;
+use super::mirror::{Likeness, Mirror, Symmetry};
 use crate::config::{HullConfig, MarchStage, TrainConfig};
 use crate::error::Result;
 use crate::methods::overrides::{overridden, visible};
@@ -70,6 +70,10 @@ pub struct ObjectsConfig {
     /// flipped from left to right say of it, on average.
     #[serde(default)]
     pub mirror: Mirror,
+    /// Whether objects are taken for their own mirror images: a shape is then the mean of what is said of a point and of its mirror
+    /// image, unless features of places are looked up and the picture's silhouette fits the shape better without.
+    #[serde(default)]
+    pub symmetry: Symmetry,
     /// How much the colours of objects differ from those of their pictures while they are learned from, in the picture that the
     /// encoder sees and in the pixels alike: channels change places, and have exponents from `exp(-color_jitter)` to
     /// `exp(color_jitter)`. 0 leaves colours as they are.
@@ -112,6 +116,7 @@ impl ObjectsConfig {
             hull_depth: 10.0,
             hull_occupancy: 0.0,
             mirror: Mirror::Off,
+            symmetry: Symmetry::Off,
             color_jitter: 0.0,
             points: 512,
             box_share: if knows_shapes { BOX_SHARE } else { 0.0 },
@@ -149,6 +154,7 @@ impl ObjectsConfig {
             objects: 32,
             hull_occupancy: 100.0,
             mirror: Mirror::Auto,
+            symmetry: Symmetry::Auto,
             points: 128,
             threshold: HULL_THRESHOLD,
             train,
@@ -168,6 +174,7 @@ impl ObjectsConfig {
             hull_depth: 0.0,
             hull_occupancy: 0.0,
             mirror: Mirror::Off,
+            symmetry: Symmetry::Off,
             color_jitter: 0.0,
             points: 2048,
             box_share: 0.0,
@@ -227,6 +234,7 @@ impl ObjectsConfig {
         complete("", "hull_occupancy", 0.into());
         complete("", "inside_share", 0.into());
         complete("", "mirror", "off".into());
+        complete("", "symmetry", "off".into());
         complete("", "color_jitter", 0.into());
         complete("", "threshold", half().into());
         config
@@ -259,19 +267,25 @@ impl ObjectsConfig {
         Hulls::new(self.train.hull.resolution, by_depth, self.hull_occupancy > 0.0)
     }
 
-    /// The mirror, found where it is still to be found: by the visual hulls. Not where there are no pictures to flip, or other
-    /// views' masks are not known.
-    pub(crate) fn found_mirror(&self, dataset: &ObjectDataset) -> Mirror {
-        match self.mirror {
-            Mirror::Auto if self.one_view || self.encoder.image_size().is_none() => Mirror::Off,
-            mirror => mirror.found(dataset, &self.hulls()),
-        }
+    /// Mirror and symmetry, found where they are still to be found: by the visual hulls of training objects. Neither where there are no
+    /// pictures to flip, or other views' masks are not known.
+    pub(crate) fn found_mirror(&self, dataset: &ObjectDataset) -> (Mirror, Symmetry) {
+        let is_known = !self.one_view && self.encoder.image_size().is_some();
+        let likeness = if is_known { Likeness::of_training(dataset, &self.hulls()) } else { Likeness::default() };
+        let mirror = self.mirror.found(likeness);
+        let axis = mirror.axis().filter(|_| self.encoder.local_channels().is_some());
+        (mirror, self.symmetry.found(axis, likeness))
     }
 
     /// The axis in whose mirror objects are learned from too, where there is one; what knows objects by their number alone has no
     /// pictures to flip.
     pub(crate) fn mirror_axis(&self) -> Option<MirrorAxis> {
         self.encoder.image_size().and_then(|_| self.mirror.axis())
+    }
+
+    /// The axis in whose mirror objects are taken to be the same, where they are.
+    pub(crate) fn symmetry_axis(&self) -> Option<MirrorAxis> {
+        self.mirror_axis().filter(|_| self.symmetry == Symmetry::On)
     }
 
     /// What a step's loss follows: [`ObjectsConfig::train`], with hulls in the place of depth maps where they are used.
@@ -338,13 +352,13 @@ mod tests {
     fn files_that_know_nothing_of_later_keys_keep_the_network_that_they_hold() {
         let mut config = ObjectsConfig::new(Supervision::Rgb).to_value().unwrap();
         config["model"].as_object_mut().unwrap().remove("film");
-        for key in ["mirror", "hull_occupancy", "threshold"] {
+        for key in ["mirror", "symmetry", "hull_occupancy", "threshold"] {
             config.as_object_mut().unwrap().remove(key);
         }
         let record = MethodRecord { method: "objects".into(), config };
         let read = ObjectsConfig::of_record(&record).unwrap().unwrap();
         assert!(!read.train.model.film && read.mirror == Mirror::Off && read.hull_occupancy == 0.0);
-        assert_eq!(read.threshold, 0.5);
+        assert_eq!((read.threshold, read.symmetry), (0.5, Symmetry::Off));
         let config = ObjectsConfig::new(Supervision::Rgb).to_value().unwrap();
         let record = MethodRecord { method: "objects".into(), config };
         assert!(ObjectsConfig::of_record(&record).unwrap().unwrap().train.model.film);

@@ -80,7 +80,7 @@ impl ObjectsTask for FieldsTask {
         device: &Device,
     ) -> Option<ViewMetrics> {
         let network = with_surface_at(network, self.config.surface_logit());
-        validate(&network, views, pixels, self.config.mirror_axis(), device)
+        validate(&network, views, pixels, &self.config, device)
     }
 }
 

@@ -190,6 +190,25 @@ impl CoarseHull {
         (either > 0).then(|| both as f64 / either as f64)
     }
 
+    /// The share of it whose mirror image lies within a voxel of it; `None` where there is no hull. Of what is its own mirror image,
+    /// that is nearly all, however thin it is.
+    pub fn mirrored_share(&self, axis: MirrorAxis) -> Option<f64> {
+        let (mut own, mut met) = (0usize, 0usize);
+        let n = self.resolution;
+        let around = |place: usize| place.saturating_sub(1)..(place + 2).min(n);
+        for index in 0..n.pow(3) {
+            let voxel = [index % n, index / n % n, index / (n * n)];
+            if self.holds(voxel) {
+                let mut mirrored = voxel;
+                mirrored[axis.index()] = n - 1 - voxel[axis.index()];
+                let [x, y, z] = mirrored.map(around);
+                let is_met = z.into_iter().any(|z| y.clone().any(|y| x.clone().any(|x| self.holds([x, y, z]))));
+                (own, met) = (own + 1, met + usize::from(is_met));
+            }
+        }
+        (own > 0).then(|| met as f64 / own as f64)
+    }
+
     /// Edge of a voxel.
     fn voxel(&self) -> f64 {
         2.0 * UnitCube::default().half_extent() / self.resolution as f64
@@ -323,6 +342,9 @@ mod tests {
         let hull = block([10, 0, 12], [21, 3, 23]);
         let found = MirrorAxis::ALL.map(|axis| hull.mirror_iou(axis).unwrap());
         assert_eq!(found, [1.0, 0.0, 8.0 / 16.0]);
+        // Nine of twelve layers along z lie within a voxel of the mirror image.
+        let found = MirrorAxis::ALL.map(|axis| hull.mirrored_share(axis).unwrap());
+        assert_eq!(found, [1.0, 0.0, 9.0 / 12.0]);
     }
 
     #[test]

@@ -13,10 +13,11 @@ use glam::Vec3;
 
 use super::config::ObjectsConfig;
 use super::draw::{BatchDrawer, Targets};
-use super::mirror::Mirror;
-use super::model::FieldsModel;
+use super::mirror::{Mirror, Symmetry};
+use super::model::{FieldsModel, is_asymmetric};
 use super::tests::{dataset, rendered, small};
 use super::trainer::ObjectsTrainer;
+use crate::error::Error;
 use crate::learners::learner::Learner;
 
 /// A wedge that no mirror leaves as it is.
@@ -83,18 +84,80 @@ fn without_a_mirror_nothing_is_drawn_in_one() {
 
 #[test]
 fn the_mirror_is_the_one_in_which_objects_change_least_and_none_where_they_change() {
-    let found = |dataset: &ObjectDataset, mirror: Mirror| {
-        ObjectsConfig { mirror, ..small(Supervision::Rgb) }.found_mirror(dataset)
+    let found = |dataset: &ObjectDataset, mirror: Mirror, symmetry: Symmetry| {
+        let encoder = EncoderConfig::Local { image_size: 64, width: 2, channels: 3 };
+        ObjectsConfig { encoder, mirror, symmetry, ..small(Supervision::Rgb) }.found_mirror(dataset)
     };
     let (_balls, balls_and_rings) = dataset();
     // Alike in all of them, but for what four views tell.
-    assert!(found(&balls_and_rings, Mirror::Auto).axis().is_some());
-    assert_eq!(found(&balls_and_rings, Mirror::Y), Mirror::Y);
+    let (mirror, symmetry) = found(&balls_and_rings, Mirror::Auto, Symmetry::Auto);
+    assert!(mirror.axis().is_some());
+    assert_eq!(symmetry, Symmetry::On);
+    assert_eq!(found(&balls_and_rings, Mirror::Y, Symmetry::Off), (Mirror::Y, Symmetry::Off));
+    assert_eq!(found(&balls_and_rings, Mirror::Off, Symmetry::Auto), (Mirror::Off, Symmetry::Off));
     let (_wedge, wedge) = wedge();
-    assert_eq!(found(&wedge, Mirror::Auto), Mirror::Off);
+    assert_eq!(found(&wedge, Mirror::Auto, Symmetry::Auto), (Mirror::Off, Symmetry::Off));
+    assert_eq!(found(&wedge, Mirror::X, Symmetry::Auto), (Mirror::X, Symmetry::Off));
+    // Codes know no camera, by which a silhouette could tell what is not symmetric.
+    let codes = ObjectsConfig { mirror: Mirror::Auto, symmetry: Symmetry::Auto, ..small(Supervision::Rgb) };
+    assert_eq!(codes.found_mirror(&balls_and_rings), (mirror, Symmetry::Off));
     // Where one view of each is all that is known, nothing is.
-    let one_view = ObjectsConfig { mirror: Mirror::Auto, one_view: true, ..small(Supervision::Rgb) };
-    assert_eq!(one_view.found_mirror(&balls_and_rings), Mirror::Off);
+    let one_view = ObjectsConfig { one_view: true, ..codes };
+    assert_eq!(one_view.found_mirror(&balls_and_rings), (Mirror::Off, Symmetry::Off));
+}
+
+#[test]
+fn a_symmetric_model_makes_symmetric_shapes() {
+    let (_folder, dataset) = wedge();
+    let local = EncoderConfig::Local { image_size: 64, width: 2, channels: 3 };
+    let config = ObjectsConfig { encoder: local, mirror: Mirror::X, ..small(Supervision::Rgb) };
+    let mut trainer = ObjectsTrainer::new(dataset.clone(), config.clone(), Device::flex()).unwrap();
+    (0..3).for_each(|_| drop(trainer.step().unwrap()));
+    let bytes = Learner::model(&trainer).unwrap();
+    let model = || FieldsModel::from_bytes(config.clone(), &bytes, &Device::flex()).unwrap();
+    let picture = dataset.read_input(0, 1, 64).unwrap();
+    let apart = |model: &FieldsModel, picture: &InputPicture| {
+        let logits = |sign: f32| {
+            let points = Tensor::from_floats([[0.3 * sign, 0.1, 0.2], [0.2 * sign, 0.0, 0.1]], &Device::flex());
+            let logits = model.field_of_picture(picture).occupancy_logit(&Query::new(points));
+            logits.into_data().iter::<f32>().collect::<Vec<_>>()
+        };
+        max_difference(&logits(1.0), &logits(-1.0))
+    };
+    let symmetric = model().with_symmetry(true).unwrap();
+    assert!(apart(&model(), &picture) > 1e-4);
+    assert!(apart(&symmetric, &picture) < 1e-5);
+    let flat =
+        FieldsModel::from_bytes(ObjectsConfig { mirror: Mirror::Off, ..config.clone() }, &bytes, &Device::flex());
+    assert!(matches!(flat.unwrap().with_symmetry(true), Err(Error::NoMirror)));
+}
+
+#[test]
+fn the_silhouette_of_a_picture_says_which_objects_are_not_symmetric() {
+    let (_folder, dataset) = wedge();
+    let picture = dataset.read_input(0, 1, 64).unwrap();
+    let camera = picture.camera.clone().unwrap();
+    // Two balls, and a single one.
+    let ball = |point: Vec3| 10.0 * (0.15 - point.distance(Vec3::new(0.25, 0.0, 0.0)));
+    let of = |points: &[Vec3], field: &dyn Fn(Vec3) -> f32| points.iter().map(|point| field(*point)).collect();
+    let two = |points: &[Vec3]| -> Vec<f32> { of(points, &|p| ball(p).max(ball(MirrorAxis::X.mirrored(p)))) };
+    let one = |points: &[Vec3]| -> Vec<f32> { of(points, &ball) };
+    let mean =
+        |points: &[Vec3]| -> Vec<f32> { of(points, &|p| 0.5 * (ball(p) + ball(MirrorAxis::X.mirrored(p))).min(1.0)) };
+    let shown = |field: &dyn Fn(&[Vec3]) -> Vec<f32>| {
+        let is_met = |u: u32, v: u32| {
+            let ray = camera.pixel_ray(u, v);
+            let points: Vec<Vec3> = (0..400).map(|i| ray.at(f64::from(i) * 0.01).as_vec3()).collect();
+            field(&points).iter().any(|logit| *logit > 0.0)
+        };
+        dvr_core::Mask::from(image::GrayImage::from_fn(camera.width, camera.height, |u, v| {
+            image::Luma([if is_met(u, v) { 255 } else { 0 }])
+        }))
+    };
+    // Where one is shown, the mean of it and its mirror image has nothing; where both are, both fields have them.
+    assert!(is_asymmetric(&one, &mean, &camera, &shown(&one)));
+    assert!(!is_asymmetric(&two, &two, &camera, &shown(&two)));
+    assert!(!is_asymmetric(&one, &two, &camera, &shown(&two)));
 }
 
 #[test]

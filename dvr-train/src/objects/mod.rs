@@ -33,7 +33,7 @@ mod voxel_values;
 pub use config::ObjectsConfig;
 pub use evaluate::{Evaluation, Shard};
 pub use mean_shape::MeanShapes;
-pub use mirror::Mirror;
+pub use mirror::{Mirror, Symmetry};
 pub use model::FieldsModel;
 pub use nearest_picture::NearestPicture;
 pub use object_model::ObjectModel;

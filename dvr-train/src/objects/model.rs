@@ -4,13 +4,14 @@ use burn::module::Module;
 use burn::tensor::{Device, Int, Tensor, TensorData};
 use dvr_core::dataset::InputPicture;
 use dvr_core::mesh::Mesh;
-use dvr_core::{Camera, MirrorAxis, Supervision, UnitCube};
+use dvr_core::{Camera, Mask, Supervision, UnitCube};
 use dvr_model::{ImageModel, ObjectField};
 use dvr_render::extract::{ExtractSettings, FieldSurface, ScalarField};
-use dvr_render::{FittedField, MarchSettings, RenderSettings, SilhouetteFit, SkipGrid};
+use dvr_render::{FittedField, MarchSettings, RenderSettings, SilhouetteFit, SkipGrid, silhouette_overlap};
 use glam::Vec3;
 
 use super::config::ObjectsConfig;
+use super::mirror::Symmetry;
 use super::shape::Shape;
 use crate::error::{Error, Result};
 use crate::export::mesh::{ColorSource, MeshOptions, ObjectMesh, object_mesh};
@@ -25,6 +26,10 @@ const SEARCH_POINTS: usize = 48;
 /// Where no point comes to the threshold, the surface lies at this share of the largest occupancy. Occupancies that are learned
 /// from pictures differ little within the visual hull: at half of the largest, the surface would be the hull.
 const SHARE_OF_LARGEST: f64 = 0.8;
+
+/// How much better the silhouette of a picture fits (intersection over union) from which on an object is not its own mirror image.
+/// Thin parts, whose two places differ a little, lose some silhouette by the mean as well.
+const ASYMMETRIC: f64 = 0.1;
 
 /// A model without gradient tracking, with the configuration that it was trained by. Its surface lies where the
 /// occupancy is [`ObjectsConfig::threshold`]; the last bias is shifted so that it is where the logit is 0, as everywhere.
@@ -62,6 +67,18 @@ impl FieldsModel {
         Self { model: with_surface_at(self.model, config.surface_logit() - before), config }
     }
 
+    /// The same that takes objects for their own mirror images, or does not.
+    ///
+    /// # Errors
+    /// When it has not learned in which mirror.
+    pub(crate) fn with_symmetry(self, is_symmetric: bool) -> Result<Self> {
+        if is_symmetric && self.config.mirror_axis().is_none() {
+            return Err(Error::NoMirror);
+        }
+        let symmetry = if is_symmetric { Symmetry::On } else { Symmetry::Off };
+        Ok(Self { config: ObjectsConfig { symmetry, ..self.config }, ..self })
+    }
+
     /// The configuration.
     pub fn config(&self) -> &ObjectsConfig {
         &self.config
@@ -74,12 +91,12 @@ impl FieldsModel {
 
     /// The field of the object in a picture as [`dvr_core::dataset::input_picture`] makes them.
     pub fn field_of_picture(&self, picture: &InputPicture) -> ObjectField {
-        field_of(&self.model, Some(picture), 0, self.config.mirror_axis(), &self.device())
+        field_of(&self.model, Some(picture), 0, &self.config, &self.device())
     }
 
     /// The field of a training object, given its place among them: for models without pictures.
     pub fn field_of_row(&self, row: usize) -> ObjectField {
-        field_of(&self.model, None, row as i64, None, &self.device())
+        field_of(&self.model, None, row as i64, &self.config, &self.device())
     }
 
     /// The shape of an object; empty where there is nothing to see.
@@ -137,8 +154,8 @@ impl FieldsModel {
 
     fn silhouette_fit(&self, surface: &impl ScalarField, of: Asked) -> Option<SilhouetteFit> {
         let Asked::Picture(picture) = of else { return None };
-        let (camera, mask) = (picture.camera.as_ref()?, picture.mask.as_ref()?);
-        self.config.encoder.local_channels().and_then(|_| SilhouetteFit::new(surface, camera, mask))
+        let (camera, mask) = known_silhouette(picture, &self.config)?;
+        SilhouetteFit::new(surface, camera, mask)
     }
 
     fn field(&self, of: Asked) -> ObjectField {
@@ -186,21 +203,42 @@ fn largest_logit(field: &ObjectField) -> f64 {
     FieldSurface::new(field).logits(&points).into_iter().fold(f32::NEG_INFINITY, f32::max).into()
 }
 
-/// The field of the object in a picture, seen in the mirror too where there is one, or of the training object with this place
-/// among them.
+/// The field of the object in a picture, or of the training object with this place among them; with what is seen in the mirror, and of
+/// its mirror image, where the configuration says so.
 pub(crate) fn field_of(
     model: &ImageModel,
     picture: Option<&InputPicture>,
     row: i64,
-    mirror: Option<MirrorAxis>,
+    config: &ObjectsConfig,
     device: &Device,
 ) -> ObjectField {
+    let mirror = config.mirror_axis();
     let in_mirror = picture.zip(mirror).map(|(picture, axis)| picture.mirrored(axis));
     let pictures: Vec<&InputPicture> = picture.into_iter().chain(&in_mirror).collect();
     let rows = vec![row; pictures.len().max(1)];
     let cameras = cameras_of(&pictures);
     let seen = model.see(image_tensor(&pictures, device), rows_tensor(&rows, device), cameras.as_deref());
-    ObjectField::new(seen.field, mirror.filter(|_| in_mirror.is_some()))
+    let field = ObjectField::new(seen.field, mirror.filter(|_| in_mirror.is_some()));
+    let Some(axis) = config.symmetry_axis() else { return field };
+    let symmetric = field.clone().symmetric(axis);
+    let known = picture.and_then(|picture| known_silhouette(picture, config));
+    let is_asymmetric = known.is_some_and(|(camera, mask)| {
+        is_asymmetric(&FieldSurface::new(&field), &FieldSurface::new(&symmetric), camera, mask)
+    });
+    if is_asymmetric { field } else { symmetric }
+}
+
+/// Whether a field has the silhouette of a picture so much better than `both`, its mean with its mirror image, that the object is not
+/// its own mirror image.
+pub(crate) fn is_asymmetric(alone: &impl ScalarField, both: &impl ScalarField, camera: &Camera, mask: &Mask) -> bool {
+    let overlaps = silhouette_overlap(alone, camera, mask).zip(silhouette_overlap(both, camera, mask));
+    overlaps.is_some_and(|(alone, both)| both + ASYMMETRIC < alone)
+}
+
+/// Camera and mask of a picture, where the encoder is told how its camera sees the object.
+fn known_silhouette<'a>(picture: &'a InputPicture, config: &ObjectsConfig) -> Option<(&'a Camera, &'a Mask)> {
+    config.encoder.local_channels()?;
+    picture.camera.as_ref().zip(picture.mask.as_ref())
 }
 
 /// The cameras of pictures, where all are known.

@@ -56,6 +56,18 @@ impl ObjectModel {
         }
     }
 
+    /// The same that takes objects for their own mirror images, or does not, whatever its training found.
+    ///
+    /// # Errors
+    /// When it has learned nothing of a mirror.
+    pub fn with_symmetry(self, is_symmetric: bool) -> Result<Self> {
+        match self {
+            Self::Fields(model) => Ok(Self::Fields(model.with_symmetry(is_symmetric)?)),
+            Self::System(_) if is_symmetric => Err(Error::NoMirror),
+            system @ Self::System(_) => Ok(system),
+        }
+    }
+
     /// What makes the codes.
     pub fn encoder(&self) -> &EncoderConfig {
         match self {

@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use super::fields_task::FieldsTask;
-use super::mirror::Mirror;
+use super::mirror::{Mirror, Symmetry};
 use super::model::{FieldsModel, render_settings, skip_grid};
 use super::object_model::ObjectModel;
 use super::systems::model::SystemModel;
@@ -111,10 +111,12 @@ pub fn resolved_for_dataset(
         found.insert("encoder".to_owned(), value_of(&EncoderConfig::Codes { objects: now })?);
     }
     if let ObjectsTraining::Fields(config) = training
-        && config.mirror == Mirror::Auto
+        && (config.mirror == Mirror::Auto || config.symmetry == Symmetry::Auto)
     {
         observer.phase("looking for the objects' mirror", 1);
-        found.insert("mirror".to_owned(), value_of(&config.found_mirror(dataset))?);
+        let (mirror, symmetry) = config.found_mirror(dataset);
+        found.insert("mirror".to_owned(), value_of(&mirror)?);
+        found.insert("symmetry".to_owned(), value_of(&symmetry)?);
         observer.progress(1, "");
     }
     method.with_overrides(&Value::Object(found))

@@ -3,10 +3,11 @@
 
 use burn::tensor::Device;
 use dvr_core::dataset::{InputPicture, ObjectDataset};
-use dvr_core::{MirrorAxis, Split, View};
+use dvr_core::{Split, View};
 use dvr_model::ImageModel;
 use dvr_render::FieldShader;
 
+use super::config::ObjectsConfig;
 use super::draw::stable_hash;
 use super::model::{field_of, render_settings};
 use dvr_render::{ViewMetrics, view_metrics};
@@ -64,17 +65,16 @@ fn read_validation_view(
     Ok(ValidationView { row: row as i64, input, view: dataset.read_view(object, view as usize)? })
 }
 
-/// The mean metrics of a model, without gradient tracking, on all validation views, on about so many pixels; with a mirror, what is
-/// seen in it counts as much.
+/// The mean metrics of a model, without gradient tracking, on all validation views, on about so many pixels.
 pub(crate) fn validate(
     model: &ImageModel,
     all: &[ValidationView],
     pixels: usize,
-    mirror: Option<MirrorAxis>,
+    config: &ObjectsConfig,
     device: &Device,
 ) -> Option<ViewMetrics> {
     mean_metrics(all, |one| {
-        let field = field_of(model, one.input.as_ref(), one.row, mirror, device);
+        let field = field_of(model, one.input.as_ref(), one.row, config, device);
         let shader = FieldShader::new(&field, render_settings(SAMPLES), None);
         view_metrics(&shader, &[&one.view], pixels / all.len())
     })
