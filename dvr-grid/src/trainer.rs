@@ -44,7 +44,7 @@ pub struct GridTrainer<'a> {
     agreement: Agreement,
     validation: Vec<&'a View>,
     validation_ncc: Option<ValidationNcc<'a>>,
-    /// Those of the grids that growth keeps, where they are known.
+    /// NCC scores of the grids that growth keeps, where they are known.
     kept_scores: Option<NccScores>,
     pyramid: PicturePyramid<'a>,
     /// The photographs as this stage sees them.
@@ -339,7 +339,7 @@ impl<'a> GridTrainer<'a> {
         if self.further == 0 { self.end_stage() } else { self.end_further() }
     }
 
-    /// The shape of these grids by the NCC of validation photographs; how much better it is than what was kept is in the second.
+    /// The NCC scores of these grids, and what they say of the pass.
     fn ncc(&self, grids: &Grids) -> (Option<NccScores>, NccOfPass) {
         let judge = self.validation_ncc.as_ref();
         ncc(judge, grids, self.kept_scores.as_ref(), self.growth.history().1)

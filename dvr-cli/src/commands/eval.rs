@@ -120,8 +120,8 @@ fn refuse_objects(args: &EvalArgs) -> Result<()> {
     let has_folder = objects.split.is_some() || objects.shard.is_some() || objects.out.is_some();
     if has_folder || objects.object_views > 0 || objects.threshold.is_some() || objects.symmetry.is_some() {
         bail!(
-            "--split, --out, --shard, --object-views, --threshold and --symmetry are for models of many objects, and this is a single \
-             scene's; its figures go to --json FILE"
+            "--split, --out, --shard, --object-views, --threshold and --symmetry are for models of many objects, and \
+             this is a single scene's; its figures go to --json FILE"
         );
     }
     Ok(())

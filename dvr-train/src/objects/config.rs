@@ -270,10 +270,13 @@ impl ObjectsConfig {
     /// Mirror and symmetry, found where they are still to be found: by the visual hulls of training objects. Neither where there are no
     /// pictures to flip, or other views' masks are not known.
     pub(crate) fn found_mirror(&self, dataset: &ObjectDataset) -> (Mirror, Symmetry) {
+        let takes_symmetry = self.encoder.local_channels().is_some();
+        let is_asked = self.mirror == Mirror::Auto || takes_symmetry && self.symmetry == Symmetry::Auto;
         let is_known = !self.one_view && self.encoder.image_size().is_some();
-        let likeness = if is_known { Likeness::of_training(dataset, &self.hulls()) } else { Likeness::default() };
+        let likeness =
+            if is_asked && is_known { Likeness::of_training(dataset, &self.hulls()) } else { Likeness::default() };
         let mirror = self.mirror.found(likeness);
-        let axis = mirror.axis().filter(|_| self.encoder.local_channels().is_some());
+        let axis = mirror.axis().filter(|_| takes_symmetry);
         (mirror, self.symmetry.found(axis, likeness))
     }
 
