@@ -16,6 +16,10 @@ use crate::args::{MasksArgs, MasksFrom};
 use crate::memory::make_room_for_masks;
 use crate::progress::Progress;
 
+/// Photographs below which masks from all views are mostly wrong: neighbours are too far apart to be compared
+/// (`docs/results/segmentation.md`, "Few photographs").
+const FEW_PHOTOGRAPHS: usize = 18;
+
 /// Finds and writes.
 pub fn run(args: &MasksArgs, cancellation: &Cancellation) -> Result<ExitCode> {
     let by = args.segment.segment.as_ref();
@@ -138,8 +142,18 @@ fn share(masks: &[Mask]) -> String {
     format!("{:.0} % of a picture", 100.0 * shares.sum::<f64>() / masks.len().max(1) as f64)
 }
 
-/// What was found from all views, in a sentence.
+/// What was found from all views, in a sentence; of few photographs, that it deserves little trust.
 fn summary(found: &Segmentation, wanted: Wanted, support: Option<HalfSpace>) -> String {
+    let found_in = found.masks.len();
+    let doubt = if found_in < FEW_PHOTOGRAPHS {
+        format!(". From fewer than {FEW_PHOTOGRAPHS} photographs, as here from {found_in}, masks are often wrong")
+    } else {
+        String::new()
+    };
+    format!("{}{doubt}", what_was_found(found, wanted, support))
+}
+
+fn what_was_found(found: &Segmentation, wanted: Wanted, support: Option<HalfSpace>) -> String {
     let support = match support.map(|plane| Support { plane, is_dropped: false }) {
         Some(support) => format!("it stands on a plane, which is not part of it ({support})"),
         None => "no plane that it stands on was found".to_owned(),
@@ -159,4 +173,25 @@ fn summary(found: &Segmentation, wanted: Wanted, support: Option<HalfSpace>) -> 
         (_, false) => "masks were found from all views",
     };
     format!("{how}: the object fills {} in the mean; {support}", share(&found.masks))
+}
+
+#[cfg(test)]
+mod tests {
+    use image::GrayImage;
+
+    use super::*;
+
+    fn found(views: usize, shown: Shown) -> String {
+        let mask = || Mask::from(GrayImage::from_raw(2, 2, vec![255, 0, 0, 0]).unwrap());
+        let masks = (0..views).map(|_| mask()).collect();
+        summary(&Segmentation { masks, shown, support: None, is_learned: false }, Wanted::Auto, None)
+    }
+
+    #[test]
+    fn masks_from_few_photographs_are_doubted() {
+        let [many, few] = [FEW_PHOTOGRAPHS, 12].map(|views| found(views, Shown::Object));
+        assert!(many.contains("fills 25 % of a picture") && !many.contains("wrong"), "{many}");
+        assert!(few.ends_with("as here from 12, masks are often wrong"), "{few}");
+        assert!(found(12, Shown::Cube).ends_with("often wrong"));
+    }
 }
