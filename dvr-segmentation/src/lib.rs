@@ -46,5 +46,9 @@ pub use memory::memory_estimate;
 pub use segment::{Segmentation, Shown, Wanted, segment};
 pub use support_plane::SupportPlane;
 
+/// Photographs below which masks of an object are often wrong: neighbours are too far apart to be compared
+/// (`docs/results/segmentation.md`, "Few photographs").
+pub const FEW_PHOTOGRAPHS: usize = 18;
+
 /// Half the edge of the cube that the object is looked for in, object units.
 const HALF: f32 = 0.5;

@@ -8,17 +8,15 @@ use std::sync::{Mutex, PoisonError};
 use anyhow::{Result, bail};
 use dvr_core::files::{Claim, FolderKind, OutputFolder, write_gray_png};
 use dvr_core::{Cancellation, HOLD_OUT_EVERY, HalfSpace, Mask, Scene};
-use dvr_segmentation::{MaskCommand, Segmentation, Shown, SupportPlane, Wanted, masks_by_program, segment};
+use dvr_segmentation::{
+    FEW_PHOTOGRAPHS, MaskCommand, Segmentation, Shown, SupportPlane, Wanted, masks_by_program, segment,
+};
 use dvr_train::{Observer, Support};
 
 use super::{SceneReading, print_notes};
 use crate::args::{MasksArgs, MasksFrom};
 use crate::memory::make_room_for_masks;
 use crate::progress::Progress;
-
-/// Photographs below which masks from all views are mostly wrong: neighbours are too far apart to be compared
-/// (`docs/results/segmentation.md`, "Few photographs").
-const FEW_PHOTOGRAPHS: usize = 18;
 
 /// Finds and writes.
 pub fn run(args: &MasksArgs, cancellation: &Cancellation) -> Result<ExitCode> {
@@ -142,10 +140,10 @@ fn share(masks: &[Mask]) -> String {
     format!("{:.0} % of a picture", 100.0 * shares.sum::<f64>() / masks.len().max(1) as f64)
 }
 
-/// What was found from all views, in a sentence; of few photographs, that it deserves little trust.
+/// What was found from all views; of an object in few photographs, that its masks deserve little trust.
 fn summary(found: &Segmentation, wanted: Wanted, support: Option<HalfSpace>) -> String {
     let found_in = found.masks.len();
-    let doubt = if found_in < FEW_PHOTOGRAPHS {
+    let doubt = if found.shown == Shown::Object && found_in < FEW_PHOTOGRAPHS {
         format!(". From fewer than {FEW_PHOTOGRAPHS} photographs, as here from {found_in}, masks are often wrong")
     } else {
         String::new()
@@ -153,6 +151,7 @@ fn summary(found: &Segmentation, wanted: Wanted, support: Option<HalfSpace>) -> 
     format!("{}{doubt}", what_was_found(found, wanted, support))
 }
 
+/// What was found from all views, in a sentence.
 fn what_was_found(found: &Segmentation, wanted: Wanted, support: Option<HalfSpace>) -> String {
     let support = match support.map(|plane| Support { plane, is_dropped: false }) {
         Some(support) => format!("it stands on a plane, which is not part of it ({support})"),
@@ -192,6 +191,7 @@ mod tests {
         let [many, few] = [FEW_PHOTOGRAPHS, 12].map(|views| found(views, Shown::Object));
         assert!(many.contains("fills 25 % of a picture") && !many.contains("wrong"), "{many}");
         assert!(few.ends_with("as here from 12, masks are often wrong"), "{few}");
-        assert!(found(12, Shown::Cube).ends_with("often wrong"));
+        let cube = found(12, Shown::Cube);
+        assert!(!cube.contains("wrong"), "measured of objects alone: {cube}");
     }
 }
